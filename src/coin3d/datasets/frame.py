@@ -1,0 +1,131 @@
+"""The one contract every recording format is read into, and everything downstream reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from coin3d.geometry import Boxes3D, Pose, Rig
+
+ImageSource = Path | np.ndarray
+"""Where an image comes from: a file, or pixels already in memory (rendered frames)."""
+
+
+@dataclass(frozen=True, eq=False)
+class LidarScan:
+    """One LiDAR sweep in the ego frame of its frame.
+
+    Args:
+        points_ego: (N, 3) metres.
+        intensity: (N,) as recorded.
+        origin_ego: (3,) position of the sensor, from which the rays started.
+    """
+
+    points_ego: Float[np.ndarray, "n 3"]
+    intensity: Float[np.ndarray, "n"]
+    origin_ego: Float[np.ndarray, "3"]
+
+
+class LidarSource(Protocol):
+    """Anything that can load a sweep when it is asked for."""
+
+    def load(self) -> LidarScan:
+        """Read the sweep; raises ValueError for a missing or truncated file."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One annotated instant of a recording. Images and LiDAR are read when asked for.
+
+    All geometry is in the ego frame at the reference time (the key-frame LiDAR's), x forward, y left, z up.
+
+    Args:
+        token: unique name within the recording.
+        timestamp_ns: reference time.
+        rig: the cameras of this instant; poses include the ego motion up to each camera's own trigger time
+            (``time_sync = pose``), so static points project exactly.
+        images: camera name -> file or pixels, same names and order as ``rig``.
+        world_from_ego: ego pose at the reference time.
+        boxes_world: annotations in the world frame, ``None`` where the recording has no labels. Labels are the data
+            set's own category names; ``datasets.classes`` maps them.
+        lidar: the sweep at the reference time, if recorded.
+        scene: name of the sequence.
+        previous: token of the frame before in the same scene, or "".
+        next: token of the frame after in the same scene, or "".
+    """
+
+    token: str
+    timestamp_ns: int
+    rig: Rig
+    images: Mapping[str, ImageSource]
+    world_from_ego: Pose = field(default_factory=Pose.identity)
+    boxes_world: Boxes3D | None = None
+    lidar: LidarSource | None = None
+    scene: str = ""
+    previous: str = ""
+    next: str = ""
+
+    def __post_init__(self) -> None:
+        if list(self.images) != list(self.rig):
+            raise ValueError(f"frame {self.token}: images of {list(self.images)} but a rig with {list(self.rig)}")
+
+    @cached_property
+    def boxes(self) -> Boxes3D | None:
+        """Annotations in the ego frame."""
+        return None if self.boxes_world is None else self.boxes_world.transformed(self.world_from_ego.inverse())
+
+    def image(self, camera: str) -> UInt8[np.ndarray, "h w 3"]:
+        """The RGB image of a camera.
+
+        Raises:
+            ValueError: the file is missing or truncated, or its size contradicts the rig.
+        """
+        source = self.images[camera]
+        pixels = source if isinstance(source, np.ndarray) else read_image(source)
+        expected = (self.rig[camera].height_px, self.rig[camera].width_px)
+        if pixels.shape[:2] != expected:
+            raise ValueError(
+                f"frame {self.token}, {camera}: the image {'' if isinstance(source, np.ndarray) else source} is "
+                f"{pixels.shape[1]} x {pixels.shape[0]} pixels but the rig says {expected[1]} x {expected[0]}; "
+                "correct 'size' (and K) in the calibration"
+            )
+        return pixels
+
+    def with_boxes_world(self, boxes_world: Boxes3D | None) -> Frame:
+        """The same frame with other annotations."""
+        return replace(self, boxes_world=boxes_world)
+
+
+class Recording(Protocol):
+    """A sequence of frames: three methods, whatever the format on disk."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> Frame: ...
+
+    def __iter__(self) -> Iterator[Frame]: ...
+
+
+def read_image(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """Read an image file as RGB.
+
+    Raises:
+        ValueError: missing, truncated or not an image.
+    """
+    if not path.is_file():
+        raise ValueError(f"{path}: the image file is missing")
+    data = np.fromfile(path, dtype=np.uint8)
+    if path.suffix.lower() in (".jpg", ".jpeg") and b"\xff\xd9" not in data[-64:].tobytes():
+        raise ValueError(f"{path}: the JPEG is truncated (no end marker); copy it again")
+    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if pixels is None:
+        raise ValueError(f"{path}: cannot be decoded as an image; is the file complete?")
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB))
