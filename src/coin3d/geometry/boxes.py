@@ -135,7 +135,8 @@ class Boxes3D:
         c, s = np.cos(self.yaw_rad)[:, None], np.sin(self.yaw_rad)[:, None]
         x = c * local[..., 0] - s * local[..., 1]
         y = s * local[..., 0] + c * local[..., 1]
-        return np.stack([x, y, local[..., 2]], axis=-1) + self.centre_m[:, None]
+        corners: np.ndarray = np.stack([x, y, local[..., 2]], axis=-1) + self.centre_m[:, None]
+        return corners
 
     def contains(self, points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, "n m"]:
         """Which points lie inside which box (faces included); points are in the frame of the boxes."""
@@ -144,7 +145,8 @@ class Boxes3D:
         half = self.size_m[:, None] / 2
         along = c * offset[..., 0] + s * offset[..., 1]
         across = -s * offset[..., 0] + c * offset[..., 1]
-        return (np.abs(along) <= half[..., 0]) & (np.abs(across) <= half[..., 1]) & (np.abs(offset[..., 2]) <= half[..., 2])
+        inside = (np.abs(along) <= half[..., 0]) & (np.abs(across) <= half[..., 1])
+        return np.asarray(inside & (np.abs(offset[..., 2]) <= half[..., 2]))
 
     def count_points(self, points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "n"]:
         """Number of points inside each box, one box at a time so that memory stays that of the cloud."""

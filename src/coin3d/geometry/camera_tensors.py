@@ -63,4 +63,5 @@ class CameraTensors:
     @property
     def focal_px(self) -> Float[Tensor, "m"]:
         """sqrt(|det K_2x2|): sqrt(fx fy), unchanged by flips and rotations of the image."""
-        return torch.linalg.det(self.K[:, :2, :2].double()).abs().sqrt().to(self.K.dtype)
+        focal: Tensor = torch.linalg.det(self.K[:, :2, :2].double()).abs().sqrt()
+        return focal.to(self.K.dtype)

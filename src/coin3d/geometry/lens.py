@@ -30,7 +30,8 @@ class Pinhole:
     """No distortion: (x / z, y / z)."""
 
     def plane_from_ray(self, rays_cam: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2"]:
-        return rays_cam[..., :2] / rays_cam[..., 2:]
+        plane: np.ndarray = rays_cam[..., :2] / rays_cam[..., 2:]
+        return plane
 
     def ray_from_plane(self, plane: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 3"]:
         return np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1)

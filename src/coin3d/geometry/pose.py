@@ -112,11 +112,13 @@ class Pose:
 
     def apply(self, points: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
         """Move points (rows) from source to target coordinates."""
-        return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+        moved: np.ndarray = np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+        return moved
 
     def rotate(self, vectors: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
         """Turn directions (rows) from source to target axes."""
-        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+        turned: np.ndarray = np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+        return turned
 
     def allclose(self, other: Pose, atol: float = 1e-9) -> bool:
         return bool(np.allclose(self.matrix, other.matrix, atol=atol, rtol=0))
