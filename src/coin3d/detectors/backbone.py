@@ -1,0 +1,58 @@
+"""Image trunk: a timm ResNet whose first convolution may take prior maps beside RGB."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import timm
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+_STRIDES = (2, 4, 8, 16, 32)
+
+
+class ImageBackbone(nn.Module):
+    """Feature maps of several strides.
+
+    Args:
+        name: a timm ResNet ("resnet18", "resnet50", ...).
+        strides: which feature maps to return, finest first.
+        extra_channels: input channels beyond RGB.
+        pretrained: start from timm's ImageNet weights (downloads them).
+    """
+
+    def __init__(self, name: str, strides: Sequence[int], extra_channels: int = 0, pretrained: bool = False) -> None:
+        super().__init__()
+        wrong = [s for s in strides if s not in _STRIDES]
+        if wrong or list(strides) != sorted(strides):
+            raise ValueError(f"backbone strides are rising values out of {_STRIDES}, got {tuple(strides)}")
+        indices = tuple(_STRIDES.index(s) for s in strides)
+        self.trunk = timm.create_model(name, pretrained=pretrained, features_only=True, out_indices=indices)
+        self.channels: list[int] = self.trunk.feature_info.channels()
+        if extra_channels:
+            self.trunk.conv1 = widen_input(self.trunk.conv1, extra_channels)
+
+    def forward(self, images: Float[Tensor, "m c h w"]) -> list[Tensor]:
+        features: list[Tensor] = self.trunk(images)
+        return features
+
+
+def widen_input(conv: nn.Conv2d, extra_channels: int) -> nn.Conv2d:
+    """A convolution that reads extra channels: the RGB slice is kept, the new slice gets PyTorch's own initialisation.
+
+    The new slice is never spread from the RGB weights: those are edge filters, and the priors are smooth maps.
+    """
+    wide = nn.Conv2d(
+        conv.in_channels + extra_channels,
+        conv.out_channels,
+        conv.kernel_size,  # type: ignore[arg-type]
+        conv.stride,  # type: ignore[arg-type]
+        conv.padding,  # type: ignore[arg-type]
+        bias=conv.bias is not None,
+    )
+    with torch.no_grad():
+        wide.weight[:, : conv.in_channels] = conv.weight
+        if conv.bias is not None and wide.bias is not None:
+            wide.bias.copy_(conv.bias)
+    return wide

@@ -1,0 +1,57 @@
+"""What a detector reads: images of any number of cameras, flattened, with the sample each belongs to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int, UInt8
+from torch import Tensor
+
+from coin3d.geometry import Boxes3D
+from coin3d.geometry.camera_tensors import CameraTensors
+
+_MEAN = (0.485, 0.456, 0.406)
+_STD = (0.229, 0.224, 0.225)
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """M camera images of B samples. Rigs may differ between samples; there are no padded 'ghost' cameras.
+
+    Args:
+        images: (M, 3, H, W) RGB, normalised.
+        cameras: the M cameras after image augmentation.
+        sample_index: (M,) sample of each camera, rising.
+        bev_from_ego: (B, 3, 3) BEV augmentation (rotation, scale, flip); identity outside training.
+        depth_m: (M, H, W) sparse LiDAR depth, 0 where unknown; only for training.
+        boxes: B tables of ground truth in the augmented BEV frame; only for training.
+    """
+
+    images: Float[Tensor, "m 3 h w"]
+    cameras: CameraTensors
+    sample_index: Int[Tensor, "m"]
+    bev_from_ego: Float[Tensor, "b 3 3"]
+    depth_m: Float[Tensor, "m h w"] | None = None
+    boxes: tuple[Boxes3D, ...] = ()
+
+    @property
+    def num_samples(self) -> int:
+        return len(self.bev_from_ego)
+
+    def to(self, device: torch.device | str) -> Batch:
+        return replace(
+            self,
+            images=self.images.to(device),
+            cameras=self.cameras.to(device),
+            sample_index=self.sample_index.to(device),
+            bev_from_ego=self.bev_from_ego.to(device),
+            depth_m=None if self.depth_m is None else self.depth_m.to(device),
+        )
+
+
+def normalise_image(image: UInt8[np.ndarray, "h w 3"]) -> Float[Tensor, "3 h w"]:
+    """RGB bytes to the network's range (ImageNet mean and standard deviation)."""
+    scaled = torch.from_numpy(np.ascontiguousarray(image)).permute(2, 0, 1).float() / 255
+    return (scaled - torch.tensor(_MEAN)[:, None, None]) / torch.tensor(_STD)[:, None, None]

@@ -1,0 +1,49 @@
+"""Bird's-eye-view encoder: three residual stages and a two-scale neck (spec official_code 1.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from coin3d.detectors.layers import BasicBlock, conv_bn_relu
+
+
+class BevEncoder(nn.Module):
+    """Features at the resolution of the input grid.
+
+    Args:
+        inputs: channels of the pooled BEV.
+        stages: channels of the three stages; each halves the resolution.
+        outputs: channels of the result.
+    """
+
+    def __init__(self, inputs: int, stages: Sequence[int], outputs: int) -> None:
+        super().__init__()
+        if len(stages) != 3:
+            raise ValueError(f"the BEV encoder has three stages, got {len(stages)} channel counts")
+        self.stages = nn.ModuleList()
+        for channels in stages:
+            shortcut = nn.Conv2d(inputs, channels, 3, 2, 1)
+            self.stages.append(nn.Sequential(BasicBlock(inputs, channels, 2, shortcut), BasicBlock(channels, channels)))
+            inputs = channels
+        self.lift_coarse = nn.Upsample(scale_factor=4, mode="bilinear", align_corners=True)
+        self.merge = nn.Sequential(
+            conv_bn_relu(stages[0] + stages[2], 2 * outputs), conv_bn_relu(2 * outputs, 2 * outputs)
+        )
+        self.lift_fine = nn.Sequential(
+            nn.Upsample(scale_factor=2, mode="bilinear", align_corners=True),
+            conv_bn_relu(2 * outputs, outputs),
+            nn.Conv2d(outputs, outputs, 1),
+        )
+
+    def forward(self, bev: Float[Tensor, "b c y x"]) -> Float[Tensor, "b k y x"]:
+        levels = []
+        for stage in self.stages:
+            bev = stage(bev)
+            levels.append(bev)
+        merged = self.merge(torch.cat([levels[0], self.lift_coarse(levels[2])], dim=1))
+        out: Tensor = self.lift_fine(merged)
+        return out

@@ -1,0 +1,203 @@
+"""BEVDepth, single frame: image trunk -> neck -> depth net -> lift-splat -> BEV encoder -> CenterPoint head.
+
+Layer by layer as spec official_code 1.2-1.6. The method of transfer enters through the hooks of ``Method`` only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional as F  # noqa: N812
+
+from coin3d.detectors.backbone import ImageBackbone
+from coin3d.detectors.batch import Batch
+from coin3d.detectors.bev_encoder import BevEncoder
+from coin3d.detectors.center_decode import DecodeOptions, decode_centers
+from coin3d.detectors.center_head import CenterHead
+from coin3d.detectors.center_targets import center_losses, center_targets
+from coin3d.detectors.depth_net import DepthNet
+from coin3d.detectors.lift_splat import BevGrid, DepthBins, LiftSplat
+from coin3d.detectors.method import Method
+from coin3d.detectors.neck import FeaturePyramid
+from coin3d.geometry import Boxes3D
+
+
+@dataclass(frozen=True)
+class BEVDepthConfig:
+    """Sizes of the network; the defaults are the paper's (R50, 704 wide, spec official_code 1).
+
+    Args:
+        image_width_px: images are resized to this width.
+        image_height_px: and the bottom rows kept.
+        backbone: a timm ResNet.
+        pretrained: start the backbone from ImageNet weights (needs a download).
+        strides: image feature levels, finest first; depth is estimated at the finest.
+        neck_channels: channels after the neck.
+        depth_channels: width of the depth net.
+        depth_blocks: residual blocks of the depth net.
+        aspp_channels: width of each dilated branch.
+        context_channels: channels lifted to BEV.
+        bins: depth bins.
+        grid: bird's-eye-view grid.
+        bev_stages: channels of the BEV encoder.
+        bev_channels: channels the head reads.
+        head_channels: width of the head.
+        min_radius_cells: smallest heat-map peak.
+        decode: how boxes are read off.
+    """
+
+    image_width_px: int = 704
+    image_height_px: int = 384
+    backbone: str = "resnet50"
+    pretrained: bool = False
+    strides: tuple[int, ...] = (16, 32)
+    neck_channels: int = 512
+    depth_channels: int = 512
+    depth_blocks: int = 3
+    aspp_channels: int = 96
+    context_channels: int = 80
+    bins: DepthBins = field(default_factory=DepthBins)
+    grid: BevGrid = field(default_factory=BevGrid)
+    bev_stages: tuple[int, ...] = (160, 320, 640)
+    bev_channels: int = 256
+    head_channels: int = 64
+    min_radius_cells: int = 2
+    decode: DecodeOptions = field(default_factory=DecodeOptions)
+
+    def __post_init__(self) -> None:
+        coarsest = max(self.strides)
+        if self.image_width_px % coarsest or self.image_height_px % coarsest:
+            raise ValueError(f"the input of {self.image_width_px} x {self.image_height_px} is not a multiple of {coarsest}")
+        if self.grid.side % 8:
+            raise ValueError(f"the BEV grid has {self.grid.side} cells a side; the encoder needs a multiple of 8")
+
+    @classmethod
+    def paper(cls) -> BEVDepthConfig:
+        """ResNet-50 at 704 x 384, the size of the paper's tables."""
+        return cls()
+
+    @classmethod
+    def small(cls) -> BEVDepthConfig:
+        """ResNet-34 at 480 x 192: for one modest GPU."""
+        return cls(
+            image_width_px=480,
+            image_height_px=192,
+            backbone="resnet34",
+            neck_channels=256,
+            depth_channels=256,
+            aspp_channels=64,
+            context_channels=64,
+            bev_stages=(96, 192, 384),
+            bev_channels=128,
+        )
+
+    @classmethod
+    def tiny(cls) -> BEVDepthConfig:
+        """ResNet-18 at 352 x 128: trains in minutes on two CPU cores."""
+        return cls(
+            image_width_px=352,
+            image_height_px=128,
+            backbone="resnet18",
+            neck_channels=128,
+            depth_channels=128,
+            depth_blocks=1,
+            aspp_channels=32,
+            context_channels=64,
+            bins=DepthBins(1.0, 60.0, 1.0),
+            grid=BevGrid(cell_m=1.6),
+            bev_stages=(64, 128, 256),
+            bev_channels=64,
+            min_radius_cells=1,
+            decode=DecodeOptions(min_score=0.05),
+        )
+
+
+class BEVDepth(nn.Module):
+    """The detector.
+
+    Args:
+        config: sizes.
+        classes: names of the classes, in heat-map order.
+        method: the method of transfer; it is attached to this detector and becomes part of its weights.
+    """
+
+    name = "bevdepth"
+
+    def __init__(self, config: BEVDepthConfig, classes: tuple[str, ...], method: Method) -> None:
+        super().__init__()
+        self.config, self.classes, self.method = config, classes, method
+        self.backbone = ImageBackbone(config.backbone, config.strides, method.extra_image_channels, config.pretrained)
+        attached = [
+            method.attach(f"backbone_{stride}", channels, stride)
+            for stride, channels in zip(config.strides, self.backbone.channels, strict=True)
+        ]
+        self.neck = FeaturePyramid(attached, config.neck_channels)
+        self.depth_net = DepthNet(
+            method.attach("neck", config.neck_channels, config.strides[0]),
+            config.depth_channels,
+            config.context_channels,
+            config.bins.count,
+            method.camera_vector_channels,
+            config.depth_blocks,
+            config.aspp_channels,
+        )
+        self.lift_splat = LiftSplat(config.grid, config.bins, config.strides[0])
+        self.bev_encoder = BevEncoder(config.context_channels, config.bev_stages, config.bev_channels)
+        self.head = CenterHead(config.bev_channels, len(classes), config.head_channels)
+
+    def forward(self, batch: Batch) -> dict[str, Tensor]:
+        """Head outputs, and ``depth_logits`` (M, D, h, w)."""
+        cameras, method = batch.cameras, self.method
+        context = method.prepare(cameras)
+        features = self.backbone(method.image(batch.images, context))
+        modulated = [
+            method.modulate(f"backbone_{stride}", x, context) for stride, x in zip(self.config.strides, features, strict=True)
+        ]
+        feature = method.modulate("neck", self.neck(modulated), context)
+        vector = method.camera_vector(cameras, batch.bev_from_ego[batch.sample_index], context)
+        depth_logits, lifted = self.depth_net(feature, vector)
+        depth_logits = depth_logits.float()  # a softmax over many bins collapses in half precision
+        bev = self.lift_splat(
+            depth_logits.softmax(dim=1), lifted, cameras, batch.sample_index, batch.bev_from_ego, reuse=not self.training
+        )
+        outputs: dict[str, Tensor] = self.head(self.bev_encoder(bev))
+        return {**outputs, "depth_logits": depth_logits}
+
+    def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
+        """Weighted losses by name; their sum is what is minimised."""
+        if batch.depth_m is None:
+            raise ValueError("training needs LiDAR depth: this batch has none (was the recording made without LiDAR?)")
+        outputs = self(batch)
+        depth_logits = outputs.pop("depth_logits")
+        targets = center_targets(batch.boxes, self.classes, self.config.grid, min_radius_cells=self.config.min_radius_cells)
+        losses = center_losses(outputs, targets)
+        losses["depth"] = depth_loss(depth_logits, batch.depth_m, self.config.bins, self.config.strides[0])
+        return losses
+
+    @torch.no_grad()
+    def detect(self, batch: Batch) -> list[Boxes3D]:
+        """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
+        outputs = self(batch)
+        return decode_centers(outputs, self.classes, self.config.grid, self.config.decode)
+
+    def extra_state(self) -> dict[str, Any]:
+        """What, beside the weights, a checkpoint needs to build this detector again."""
+        return {"detector": self.name, "config": self.config, "classes": self.classes}
+
+
+def depth_loss(
+    depth_logits: Float[Tensor, "m d h w"], depth_m: Float[Tensor, "m H W"], bins: DepthBins, stride: int, weight: float = 3.0
+) -> Float[Tensor, ""]:
+    """Binary cross-entropy of the depth distribution against the nearest LiDAR return of each cell, per supervised cell."""
+    known = torch.where(depth_m > 0, depth_m, torch.inf)
+    nearest = -F.max_pool2d(-known[:, None], stride)[:, 0]
+    index = bins.index(torch.where(nearest.isinf(), 0.0, nearest))
+    supervised = index >= 0
+    probability = depth_logits.float().softmax(dim=1).permute(0, 2, 3, 1)[supervised]
+    one_hot = F.one_hot(index[supervised], bins.count).float()
+    total = F.binary_cross_entropy(probability.clamp(0, 1), one_hot, reduction="sum")
+    return weight * total / max(1, int(supervised.sum()))

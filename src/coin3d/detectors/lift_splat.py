@@ -1,0 +1,123 @@
+"""Where each (pixel, depth bin) of each camera falls in bird's-eye view."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from coin3d.detectors.bev_pool import bev_pool
+from coin3d.geometry.camera_tensors import CameraTensors
+
+
+@dataclass(frozen=True)
+class DepthBins:
+    """Equal depth bins over [min_m, max_m); a bin stands for its centre."""
+
+    min_m: float = 1.0
+    max_m: float = 60.0
+    step_m: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.min_m < self.max_m or self.step_m <= 0:
+            raise ValueError(f"depth bins need 0 < min < max and a positive step, got {self}")
+
+    @property
+    def count(self) -> int:
+        return round((self.max_m - self.min_m) / self.step_m)
+
+    def centres_m(self, device: torch.device | str = "cpu") -> Float[Tensor, "d"]:
+        return self.min_m + self.step_m * (torch.arange(self.count, device=device) + 0.5)
+
+    def index(self, depth_m: Float[Tensor, "..."]) -> Int[Tensor, "..."]:
+        """Bin of each depth, -1 outside the range (and for 0, 'unknown')."""
+        bins = torch.floor((depth_m - self.min_m) / self.step_m).long()
+        return torch.where((depth_m >= self.min_m) & (bins < self.count), bins, -1)
+
+
+@dataclass(frozen=True)
+class BevGrid:
+    """Square grid of cells around the ego origin: x and y in [-half_extent_m, half_extent_m), rows are y, columns x."""
+
+    half_extent_m: float = 51.2
+    cell_m: float = 0.8
+    z_min_m: float = -5.0
+    z_max_m: float = 3.0
+
+    def __post_init__(self) -> None:
+        if self.cell_m <= 0 or self.half_extent_m <= 0 or self.z_min_m >= self.z_max_m:
+            raise ValueError(f"a BEV grid needs positive extent and cells and z_min < z_max, got {self}")
+
+    @property
+    def side(self) -> int:
+        """Number of cells along x and along y."""
+        return round(2 * self.half_extent_m / self.cell_m)
+
+
+class LiftSplat:
+    """Lifts image features along their rays and sums them into the grid (paper's bottom-up BEV paradigm).
+
+    For cameras seen before (a fixed rig at inference) the indices are reused.
+    """
+
+    def __init__(self, grid: BevGrid, bins: DepthBins, stride: int, cached_rigs: int = 4) -> None:
+        self.grid, self.bins, self.stride, self.cached_rigs = grid, bins, stride, cached_rigs
+        self._cache: OrderedDict[tuple[bytes, ...], Tensor] = OrderedDict()
+
+    def __call__(
+        self,
+        depth: Float[Tensor, "m d h w"],
+        context: Float[Tensor, "m c h w"],
+        cameras: CameraTensors,
+        sample_index: Int[Tensor, "m"],
+        bev_from_ego: Float[Tensor, "b 3 3"],
+        reuse: bool = False,
+    ) -> Float[Tensor, "b c y x"]:
+        """Pool context weighted by depth probabilities; ``reuse`` looks the cameras up in the cache first."""
+        lookup = self._cached_cells if reuse else self.cells
+        cell = lookup(cameras, sample_index, bev_from_ego)
+        m, d, h, w = depth.shape
+        side, samples = self.grid.side, len(bev_from_ego)
+        flat_depth = depth.permute(0, 2, 3, 1).reshape(m * h * w, d)
+        flat_context = context.permute(0, 2, 3, 1).reshape(m * h * w, -1)
+        bev = bev_pool(flat_depth, flat_context, cell.reshape(m * h * w, d), samples * side * side)
+        return bev.reshape(samples, side, side, -1).permute(0, 3, 1, 2).contiguous()
+
+    def cells(
+        self, cameras: CameraTensors, sample_index: Int[Tensor, "m"], bev_from_ego: Float[Tensor, "b 3 3"]
+    ) -> Int[Tensor, "m h w d"]:
+        """Row (sample * side + y) * side + x of each point, -1 outside the grid."""
+        device = cameras.K.device
+        h, w = cameras.height_px // self.stride, cameras.width_px // self.stride
+        v, u = torch.meshgrid(
+            (torch.arange(h, device=device) + 0.5) * self.stride, (torch.arange(w, device=device) + 0.5) * self.stride, indexing="ij"
+        )
+        pixels = torch.stack([u, v, torch.ones_like(u)], dim=-1)
+        bev_from_ego_cam = bev_from_ego[sample_index]
+        direction_from_pixel = bev_from_ego_cam @ cameras.ego_from_cam[:, :3, :3] @ torch.linalg.inv(cameras.K)
+        direction = torch.einsum("mij,hwj->mhwi", direction_from_pixel, pixels)
+        origin = torch.einsum("mij,mj->mi", bev_from_ego_cam, cameras.ego_from_cam[:, :3, 3])
+        points = origin[:, None, None, None] + direction[:, :, :, None] * self.bins.centres_m(device)[:, None]
+        grid = self.grid
+        column = torch.floor((points[..., 0] + grid.half_extent_m) / grid.cell_m)
+        row = torch.floor((points[..., 1] + grid.half_extent_m) / grid.cell_m)
+        inside = (column >= 0) & (column < grid.side) & (row >= 0) & (row < grid.side)
+        inside &= (points[..., 2] >= grid.z_min_m) & (points[..., 2] < grid.z_max_m)
+        index = (sample_index[:, None, None, None] * grid.side + row) * grid.side + column
+        return torch.where(inside, index, -1).to(torch.int32)
+
+    def _cached_cells(
+        self, cameras: CameraTensors, sample_index: Int[Tensor, "m"], bev_from_ego: Float[Tensor, "b 3 3"]
+    ) -> Int[Tensor, "m h w d"]:
+        tensors = (cameras.K, cameras.ego_from_cam, sample_index, bev_from_ego)
+        size = f"{cameras.height_px}x{cameras.width_px}".encode()
+        key = (*(t.cpu().numpy().tobytes() for t in tensors), size, str(cameras.K.device).encode())
+        if key not in self._cache:
+            self._cache[key] = self.cells(cameras, sample_index, bev_from_ego)
+            while len(self._cache) > self.cached_rigs:
+                self._cache.popitem(last=False)
+        self._cache.move_to_end(key)
+        return self._cache[key]

@@ -1,0 +1,62 @@
+"""The plug between a detector and a method of transfer. A detector calls these hooks and knows no method by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from torch import Tensor, nn
+
+from coin3d.geometry import Camera, ImageTransform
+from coin3d.geometry.camera_tensors import CameraTensors
+
+View = tuple[UInt8[np.ndarray, "h w 3"], Camera, ImageTransform]
+"""An image, its camera, and how both become network input."""
+
+ViewAugmentation = Callable[[View, np.random.Generator], View]
+"""Changes one training view before the generic image augmentation; the camera must keep telling the truth."""
+
+
+class Method(nn.Module):
+    """The method that does nothing; others override the hooks they need.
+
+    A detector calls, in this order: ``attach_*`` once while it is built; then per forward ``prepare``, ``image``,
+    ``modulate`` at each attached level, and ``camera_vector`` before depth is estimated.
+    """
+
+    view_augmentation: ViewAugmentation | None = None
+    """Applied to every training view, in the loader."""
+
+    @property
+    def extra_image_channels(self) -> int:
+        """Channels ``image`` adds to RGB."""
+        return 0
+
+    @property
+    def camera_vector_channels(self) -> int:
+        """Length of ``camera_vector``; 0 builds the detector without a camera-aware gate."""
+        return 0
+
+    def attach(self, level: str, channels: int, stride: int) -> int:
+        """Announce a feature level (``backbone_<stride>`` or ``neck``); returns its channel count after ``modulate``."""
+        return channels
+
+    def prepare(self, cameras: CameraTensors) -> Any:
+        """Whatever the other hooks need of the cameras, computed once per forward."""
+        return None
+
+    def image(self, images: Float[Tensor, "m 3 h w"], context: Any) -> Float[Tensor, "m c h w"]:
+        """The network input, ``3 + extra_image_channels`` channels."""
+        return images
+
+    def modulate(self, level: str, features: Float[Tensor, "m c h w"], context: Any) -> Float[Tensor, "m k h w"]:
+        """Features of an attached level with the cameras' configuration worked in."""
+        return features
+
+    def camera_vector(
+        self, cameras: CameraTensors, bev_from_ego: Float[Tensor, "m 3 3"], context: Any
+    ) -> Float[Tensor, "m k"] | None:
+        """Numbers that gate the depth network, or None."""
+        return None

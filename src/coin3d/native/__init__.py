@@ -1,0 +1,5 @@
+"""C++17 kernels with numpy at the border. Each has a plain reference beside its Python caller; this folder imports nothing."""
+
+from coin3d.native._native import bev_pool_backward, bev_pool_forward, rotated_iou, rotated_nms
+
+__all__ = ["bev_pool_backward", "bev_pool_forward", "rotated_iou", "rotated_nms"]

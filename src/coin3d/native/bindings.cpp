@@ -1,0 +1,76 @@
+// Python bindings. Shapes and types are checked here; the functions behind trust their arguments.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
+
+#include <stdexcept>
+
+#include "bev_pool.h"
+#include "rotated_boxes.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+template <typename T>
+using Matrix = nb::ndarray<T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+template <typename T>
+using Vector = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+static void require(bool ok, const char* message) {
+  if (!ok) throw std::invalid_argument(message);
+}
+
+static void check_cells(Matrix<const int32_t> cell, int64_t cells) {
+  const int32_t* p = cell.data();
+  for (size_t i = 0; i < cell.size(); ++i) require(p[i] < cells, "a cell index lies outside the grid");
+}
+
+NB_MODULE(_native, m) {
+  m.def(
+      "bev_pool_forward",
+      [](Matrix<const float> depth, Matrix<const float> context, Matrix<const int32_t> cell, Matrix<float> bev, int threads) {
+        require(depth.shape(0) == context.shape(0), "depth and context have different numbers of pixels");
+        require(depth.shape(0) == cell.shape(0) && depth.shape(1) == cell.shape(1), "depth and cell differ in shape");
+        require(bev.shape(1) == context.shape(1), "bev and context have different numbers of channels");
+        check_cells(cell, bev.shape(0));
+        nb::gil_scoped_release release;
+        coin3d::bev_pool_forward(depth.data(), context.data(), cell.data(), bev.data(), depth.shape(0), depth.shape(1),
+                                 context.shape(1), bev.shape(0), threads);
+      },
+      "depth"_a, "context"_a, "cell"_a, "bev"_a, "threads"_a = 1);
+  m.def(
+      "bev_pool_backward",
+      [](Matrix<const float> grad_bev, Matrix<const float> depth, Matrix<const float> context, Matrix<const int32_t> cell,
+         Matrix<float> grad_depth, Matrix<float> grad_context, int threads) {
+        require(depth.shape(0) == context.shape(0), "depth and context have different numbers of pixels");
+        require(depth.shape(0) == cell.shape(0) && depth.shape(1) == cell.shape(1), "depth and cell differ in shape");
+        require(grad_depth.shape(0) == depth.shape(0) && grad_depth.shape(1) == depth.shape(1), "wrong shape of grad_depth");
+        require(grad_context.shape(0) == context.shape(0) && grad_context.shape(1) == context.shape(1),
+                "wrong shape of grad_context");
+        require(grad_bev.shape(1) == context.shape(1), "grad_bev and context have different numbers of channels");
+        check_cells(cell, grad_bev.shape(0));
+        nb::gil_scoped_release release;
+        coin3d::bev_pool_backward(grad_bev.data(), depth.data(), context.data(), cell.data(), grad_depth.data(),
+                                  grad_context.data(), depth.shape(0), depth.shape(1), context.shape(1), threads);
+      },
+      "grad_bev"_a, "depth"_a, "context"_a, "cell"_a, "grad_depth"_a, "grad_context"_a, "threads"_a = 1);
+  m.def(
+      "rotated_iou",
+      [](Matrix<const double> a, Matrix<const double> b, Matrix<double> iou) {
+        require(a.shape(1) == 5 && b.shape(1) == 5, "boxes have five columns: x, y, length, width, yaw");
+        require(iou.shape(0) == a.shape(0) && iou.shape(1) == b.shape(0), "wrong shape of iou");
+        for (size_t i = 0; i < a.shape(0); ++i)
+          for (size_t j = 0; j < b.shape(0); ++j)
+            iou.data()[i * b.shape(0) + j] = coin3d::rotated_iou(a.data() + 5 * i, b.data() + 5 * j);
+      },
+      "a"_a, "b"_a, "iou"_a);
+  m.def(
+      "rotated_nms",
+      [](Matrix<const double> boxes, Vector<const int64_t> order, double iou_threshold) {
+        require(boxes.shape(1) == 5, "boxes have five columns: x, y, length, width, yaw");
+        for (size_t i = 0; i < order.shape(0); ++i)
+          require(order.data()[i] >= 0 && order.data()[i] < static_cast<int64_t>(boxes.shape(0)), "order names a missing box");
+        return coin3d::rotated_nms(boxes.data(), order.data(), static_cast<int64_t>(order.shape(0)), iou_threshold);
+      },
+      "boxes"_a, "order"_a, "iou_threshold"_a);
+}
