@@ -1,0 +1,46 @@
+"""LiDAR sweeps stored as bare float32 records: x, y, z, intensity, ring (nuScenes, Lyft, the town)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from coin3d.datasets.frame import LidarScan
+from coin3d.geometry import Pose
+
+_FLOATS_PER_POINT = 5
+
+
+@dataclass(frozen=True, eq=False)
+class LidarFile:
+    """A sweep on disk, read when asked for.
+
+    Args:
+        path: the file.
+        ego_from_lidar: from the sensor at the time of the sweep to the ego frame of the ``Frame`` that owns the
+            sweep. For a sweep between key frames this contains the ego motion.
+    """
+
+    path: Path
+    ego_from_lidar: Pose
+
+    def load(self) -> LidarScan:
+        """Read the sweep. Points that are not finite (no return) are left out.
+
+        Raises:
+            ValueError: the file is missing, empty or truncated.
+        """
+        if not self.path.is_file():
+            raise ValueError(f"{self.path}: the LiDAR file is missing")
+        size = self.path.stat().st_size
+        record = 4 * _FLOATS_PER_POINT
+        if size == 0 or size % record:
+            raise ValueError(
+                f"{self.path}: the LiDAR file has {size} bytes, not a whole number of {record}-byte points "
+                "(float32 x, y, z, intensity, ring): it is truncated or of another format; copy it again"
+            )
+        records = np.fromfile(self.path, dtype="<f4").reshape(-1, _FLOATS_PER_POINT).astype(np.float64)
+        records = records[np.isfinite(records[:, :3]).all(1)]
+        return LidarScan(self.ego_from_lidar.apply(records[:, :3]), records[:, 3], self.ego_from_lidar.translation)

@@ -1,0 +1,29 @@
+"""Open a recording without saying what format it is in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from coin3d.datasets.folder import RIG_FILE, FolderRecording
+from coin3d.datasets.frame import Recording
+from coin3d.datasets.nuscenes_format import NuScenesRecording
+
+
+def open_recording(path: Path | str) -> Recording:
+    """The recording in a folder: a user's images with ``rig.yaml``, or nuScenes-format tables.
+
+    Raises:
+        FileNotFoundError: nothing there, or nothing that looks like a recording.
+        ValueError: the recording is damaged; the message says where.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise FileNotFoundError(f"{path}: no such folder; give the folder of a recording")
+    if (path / RIG_FILE).is_file():
+        return FolderRecording(path)
+    if any(next(path.glob(pattern), None) for pattern in ("sample.json", "*/sample.json", "*/*/sample.json")):
+        return NuScenesRecording(path)
+    raise FileNotFoundError(
+        f"{path}: not a recording: looked for {RIG_FILE} (own images, see docs/your_rig.md) and for */sample.json "
+        "(nuScenes-format tables, see docs/datasets.md)"
+    )
