@@ -104,7 +104,7 @@ class Boxes3D:
                 raise ValueError(f"box {int(np.argmax(bad))} has a {name} that is not finite")
         if n and (self.size_m <= 0).any():
             row = int(np.argmax((self.size_m <= 0).any(1)))
-            raise ValueError(f"box {row} has the size {self.size_m[row].tolist()}: length, width and height are positive metres")
+            raise ValueError(f"box {row} has the size {self.size_m[row].tolist()}: length, width, height are positive metres")
 
     def __len__(self) -> int:
         return len(self.centre_m)

@@ -57,7 +57,7 @@ class Camera:
 
     @property
     def focal_px(self) -> float:
-        """f = sqrt(|det K_2x2|): sqrt(fx fy), unchanged by rotating or flipping the image."""
+        """Focal length sqrt(|det K_2x2|): sqrt(fx fy), unchanged by rotating or flipping the image."""
         return float(np.sqrt(abs(np.linalg.det(self.K[:2, :2]))))
 
     @property

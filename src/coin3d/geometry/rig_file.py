@@ -131,7 +131,8 @@ def _mount(entry: dict[str, Any], where: str) -> Pose:
         return Pose.from_quaternion(_numbers(entry, "quaternion", 4, where), position)
     if "yaw_deg" not in entry:
         raise ValueError(f"{where}: say where it looks: yaw_deg (0 forward, 90 left), or quaternion, or vehicle_from_cam")
-    yaw, pitch, roll = (np.deg2rad(_numbers({k: entry.get(k, 0)}, k, 1, where)[0]) for k in ("yaw_deg", "pitch_deg", "roll_deg"))
+    angles = ("yaw_deg", "pitch_deg", "roll_deg")
+    yaw, pitch, roll = (np.deg2rad(_numbers({k: entry.get(k, 0)}, k, 1, where)[0]) for k in angles)
     return camera_pose(position, yaw, pitch, roll)
 
 
