@@ -7,12 +7,13 @@ so another lens is another class in this file.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 
+@runtime_checkable
 class Lens(Protocol):
     """Maps between rays of the camera frame (x right, y down, z forward) and the image plane at K = I."""
 
