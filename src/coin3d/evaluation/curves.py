@@ -1,0 +1,80 @@
+"""From a ranked list of hits and misses to average precision and mean errors, on the recall grid 0, 0.01 ... 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from coin3d.evaluation.protocol import Protocol
+
+RECALL_GRID = np.linspace(0, 1, 101)
+
+
+@dataclass(frozen=True, eq=False)
+class RankedClass:
+    """Detections of one class at one distance threshold, most confident first.
+
+    Args:
+        scores: (N,) descending.
+        hit: (N,) whether each took an object.
+        num_truth: how many objects there are.
+    """
+
+    scores: Float[np.ndarray, "n"]
+    hit: Bool[np.ndarray, "n"]
+    num_truth: int
+
+    @property
+    def has_curve(self) -> bool:
+        """Without a single hit there is no curve: AP is 0 and errors are 1."""
+        return bool(self.hit.any())
+
+    def recall(self) -> Float[np.ndarray, "n"]:
+        """Fraction of the objects found by the first 1 .. N detections."""
+        return np.asarray(np.cumsum(self.hit) / self.num_truth, dtype=np.float64)
+
+    def precision_on_grid(self) -> Float[np.ndarray, "101"]:
+        """Precision at each recall of the grid, 0 beyond the largest recall reached."""
+        precision = np.cumsum(self.hit) / np.arange(1, len(self.hit) + 1)
+        return np.interp(RECALL_GRID, self.recall(), precision, right=0)
+
+    def score_on_grid(self) -> Float[np.ndarray, "101"]:
+        """The score above which detections must be kept to reach each recall, 0 beyond the largest."""
+        return np.interp(RECALL_GRID, self.recall(), self.scores, right=0)
+
+
+def average_precision(ranked: RankedClass, protocol: Protocol) -> float:
+    """Mean over the recalls above ``min_recall`` of the precision above ``min_precision``, scaled to 0 .. 1."""
+    if not ranked.has_curve:
+        return 0.0
+    counted = ranked.precision_on_grid()[protocol.first_recall_index :] - protocol.min_precision
+    return float(np.maximum(counted, 0).mean() / (1 - protocol.min_precision))
+
+
+def mean_errors(ranked: RankedClass, hit_errors: Float[np.ndarray, "e k"], protocol: Protocol) -> tuple[float, ...]:
+    """Errors averaged over the recalls from ``min_recall`` to the largest recall reached.
+
+    At each recall the error is the mean over all hits at least as confident, so errors of confident detections
+    weigh more than those of the last ones.
+
+    Args:
+        ranked: the list whose ``hit`` rows the errors belong to.
+        hit_errors: (E, K) errors of the K hits in the same order.
+        protocol: gives ``min_recall``.
+
+    Returns:
+        E numbers; all 1 where the largest recall is not above ``min_recall``.
+    """
+    if not ranked.has_curve:
+        return (1.0,) * len(hit_errors)
+    score_grid = ranked.score_on_grid()
+    first, last = protocol.first_recall_index, int(np.flatnonzero(score_grid).max(initial=0))
+    if last < first:
+        return (1.0,) * len(hit_errors)
+    hit_scores = ranked.scores[ranked.hit]
+    running = np.cumsum(hit_errors, axis=1) / np.arange(1, hit_errors.shape[1] + 1)
+    # np.interp wants ascending abscissae, scores descend
+    on_grid = [np.interp(score_grid[::-1], hit_scores[::-1], row[::-1])[::-1] for row in running]
+    return tuple(float(row[first : last + 1].mean()) for row in on_grid)
