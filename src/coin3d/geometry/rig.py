@@ -42,6 +42,7 @@ class Rig(Mapping[str, Camera]):
                 raise ValueError(
                     f"camera '{name}' of rig '{self.name}' sits at or below the ground plane: positions are metres in the "
                     "ego frame with z up from the ground; if yours start at a sensor, set ego_from_vehicle"
+                    + _hint_if_inverted(camera.ego_from_cam, self.ground)
                 )
         object.__setattr__(self, "cameras", cameras)
 
@@ -67,3 +68,18 @@ class Rig(Mapping[str, Camera]):
         for camera in self.values():
             seen |= camera.sees(points_ego)
         return seen
+
+
+def is_plausible_mount(ego_from_cam: Pose, ground: GroundPlane) -> bool:
+    """Whether a camera could be mounted so: 0.2 m to 5 m above ground, within 45 degrees of level, image bottom down."""
+    up = ground.normal
+    height_m = ground.height_m(ego_from_cam.translation)
+    level = abs(ego_from_cam.rotation[:, 2] @ up) < np.sqrt(0.5)
+    upright = -ego_from_cam.rotation[:, 1] @ up > np.sqrt(0.5)
+    return bool(0.2 < height_m < 5.0 and level and upright)
+
+
+def _hint_if_inverted(ego_from_cam: Pose, ground: GroundPlane) -> str:
+    if not is_plausible_mount(ego_from_cam.inverse(), ground):
+        return ""
+    return ". The inverse of its pose is a plausible mount: the file seems to hold cam_from_ego (an extrinsic matrix); invert it"

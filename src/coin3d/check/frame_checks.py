@@ -1,0 +1,124 @@
+"""Measurements and findings of one frame: files, LiDAR against boxes and cameras, boxes against cameras and ground."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import UInt8
+
+from coin3d.check.finding import Finding
+from coin3d.datasets.classes import KNOWN_CATEGORIES
+from coin3d.datasets.frame import Frame, LidarScan
+from coin3d.datasets.ground_fit import GroundFit, fit_ground
+from coin3d.geometry import Boxes3D
+
+_NEAR_BOX_M = 20.0
+_MAX_FLOAT_M = 0.5
+
+
+@dataclass
+class FrameReport:
+    """What was read and measured in one frame.
+
+    Args:
+        images: camera name -> RGB, only those that could be read.
+        scan: the LiDAR sweep, if it could be read.
+        matching: boxes whose LiDAR count equals the annotated one.
+        counted: boxes with an annotated LiDAR count and a sweep to count in.
+        unseen: boxes whose centre is in no image.
+        categories: boxes per category name.
+        ground: the plane fitted to the LiDAR.
+    """
+
+    frame: Frame
+    images: dict[str, UInt8[np.ndarray, "h w 3"]] = field(default_factory=dict)
+    scan: LidarScan | None = None
+    matching: int = 0
+    counted: int = 0
+    unseen: int = 0
+    categories: Counter[str] = field(default_factory=Counter)
+    ground: GroundFit | None = None
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def boxes(self) -> Boxes3D:
+        """Annotations in the ego frame, empty where there are none."""
+        return self.frame.boxes if self.frame.boxes is not None else Boxes3D.empty()
+
+    @property
+    def readable(self) -> bool:
+        return bool(self.images) or self.scan is not None
+
+
+def inspect_frame(frame: Frame) -> FrameReport:
+    """Read and measure a frame. What cannot be read becomes a finding, never an exception."""
+    report = FrameReport(frame)
+    for camera in frame.rig:
+        try:
+            report.images[camera] = frame.image(camera)
+        except ValueError as error:
+            report.findings.append(Finding("error", str(error), "replace the file or leave the frame out", camera))
+    if frame.lidar is not None:
+        try:
+            report.scan = frame.lidar.load()
+        except ValueError as error:
+            report.findings.append(Finding("error", str(error), "replace the file or leave the frame out", frame.token))
+    if report.scan is not None:
+        _check_lidar(report, report.scan)
+    if len(report.boxes):
+        _check_boxes(report)
+    return report
+
+
+def _check_lidar(report: FrameReport, scan: LidarScan) -> None:
+    frame = report.frame
+    report.ground = fit_ground(scan.points_ego, scan.origin_ego)
+    for name, camera in frame.rig.items():
+        if not camera.sees(scan.points_ego).any():
+            text = "no LiDAR point falls into the image"
+            remedy = "check the pose of this camera and of the LiDAR; depth supervision has nothing to learn from here"
+            report.findings.append(Finding("warning", text, remedy, name))
+    if frame.boxes_world is None:
+        return
+    # in the world, where annotators' boxes are upright: the ego frame leans with the vehicle
+    counts = frame.boxes_world.count_points(frame.world_from_ego.apply(scan.points_ego))
+    annotated = frame.boxes_world.num_lidar_points
+    known = annotated >= 0
+    report.counted = int(known.sum())
+    report.matching = int((counts == annotated)[known].sum())
+    if report.matching < report.counted:
+        difference = int(np.abs(counts - annotated)[known].max())
+        report.findings.append(
+            Finding(
+                "warning",
+                f"{report.counted - report.matching} of {report.counted} boxes hold another number of LiDAR points than "
+                f"annotated (largest difference {difference})",
+                "a few: annotated on another sweep; most: LiDAR pose, ego pose or box convention is wrong",
+                frame.token,
+            )
+        )
+
+
+def _check_boxes(report: FrameReport) -> None:
+    boxes, frame = report.boxes, report.frame
+    report.categories = Counter(map(str, boxes.labels))
+    unknown = sorted(set(report.categories) - KNOWN_CATEGORIES)
+    if unknown:
+        text = f"unknown categories: {', '.join(unknown)}"
+        report.findings.append(Finding("warning", text, "training refuses them; rename them (docs/datasets.md)"))
+    report.unseen = int((~frame.rig.sees(boxes.centre_m)).sum())
+    near = boxes[np.linalg.norm(boxes.centre_m[:, :2], axis=1) < _NEAR_BOX_M]
+    if len(near):
+        bottoms = near.centre_m - np.array([0, 0, 0.5]) * near.size_m
+        height_m = float(np.median(frame.rig.ground.height_m(bottoms)))
+        if abs(height_m) > _MAX_FLOAT_M:
+            report.findings.append(
+                Finding(
+                    "warning",
+                    f"the bottoms of the {len(near)} boxes within {_NEAR_BOX_M:.0f} m lie {height_m:+.2f} m from the ground (median)",
+                    "box centres must be centres of gravity, and the rig's ground the real one",
+                    frame.token,
+                )
+            )

@@ -1,0 +1,257 @@
+"""Run a check: choose frames, inspect them, draw them, write the result."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coin3d.check.finding import Finding
+from coin3d.check.frame_checks import FrameReport, inspect_frame
+from coin3d.check.rig_checks import rig_findings
+from coin3d.datasets.frame import Frame, Recording
+from coin3d.datasets.ground_fit import GroundFit
+from coin3d.datasets.open import open_recording
+from coin3d.drawing.pictures import draw_boxes, draw_ground, draw_points
+from coin3d.drawing.sheet import Panel, class_legend, message_picture, save_png, sheet
+from coin3d.drawing.top_view import top_view
+from coin3d.geometry import GroundPlane, Rig
+
+_MAX_HEIGHT_ERROR_M = 0.15
+_MAX_TILT_DEG = 1.0
+_FRAMES_FOR_GAPS = 200
+_SHEET_WIDTH_PX = 1920
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """Counts over the checked frames, what was found, and where the pictures are.
+
+    Args:
+        frames: frames in the recording.
+        frames_checked: frames that were read and drawn.
+        boxes: annotated boxes in them.
+        boxes_with_lidar_count: of these, boxes with an annotated number of LiDAR points.
+        boxes_with_matching_lidar_count: of these, boxes in which exactly that many points were found.
+        boxes_in_no_image: boxes whose centre no camera sees.
+        categories: boxes per category.
+        ground_height_m: fitted ground above the rig's, under the ego origin; None without LiDAR.
+        ground_tilt_deg: angle between the two planes; None without LiDAR.
+        findings: worst first.
+        pictures: files written.
+    """
+
+    path: Path
+    frames: int
+    frames_checked: int
+    boxes: int
+    boxes_with_lidar_count: int
+    boxes_with_matching_lidar_count: int
+    boxes_in_no_image: int
+    categories: dict[str, int]
+    ground_height_m: float | None
+    ground_tilt_deg: float | None
+    findings: tuple[Finding, ...]
+    pictures: tuple[Path, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The content of result.json."""
+        plain = {name: value for name, value in vars(self).items() if name not in ("findings", "pictures", "path")}
+        return {
+            "path": str(self.path),
+            **plain,
+            "findings": [finding.as_dict() for finding in self.findings],
+            "pictures": [str(picture) for picture in self.pictures],
+        }
+
+    def summary(self) -> str:
+        """What the command prints."""
+        lines = [f"{self.path}: {self.frames} frames, {self.frames_checked} checked, {self.boxes} boxes"]
+        if self.boxes_with_lidar_count:
+            lines.append(
+                f"LiDAR points: {self.boxes_with_matching_lidar_count} of {self.boxes_with_lidar_count} boxes hold exactly "
+                "as many as annotated"
+            )
+        if self.ground_height_m is not None:
+            lines.append(f"ground fitted to LiDAR: {self.ground_height_m:+.2f} m, tilted {self.ground_tilt_deg:.1f} deg")
+        lines += [str(finding) for finding in self.findings] or ["no findings"]
+        return "\n".join([*lines, *(f"picture: {picture}" for picture in self.pictures)])
+
+
+def check(path: Path, out: Path, frames: int = 3) -> CheckResult:
+    """Check a recording: pictures, counts and findings go to ``out``, and a summary is printed.
+
+    Args:
+        path: folder of the recording.
+        out: folder for ``result.json`` and the pictures; made if missing.
+        frames: how many frames to look at, spread evenly over the recording.
+
+    Raises:
+        FileNotFoundError: not a recording.
+        ValueError: nothing of it can be read.
+    """
+    if frames < 1:
+        raise ValueError(f"at least one frame has to be checked, got frames={frames}")
+    path, out = Path(path), Path(out)
+    recording = open_recording(path)
+    indices = sorted({round(i) for i in np.linspace(0, len(recording) - 1, frames)})
+    findings: list[Finding] = []
+    reports: list[FrameReport] = []
+    for index in indices:
+        frame = _frame_or_finding(recording, index, findings)
+        if frame is not None:
+            reports.append(inspect_frame(frame))
+    findings += [finding for report in reports for finding in report.findings]
+    if not any(report.readable for report in reports):
+        raise ValueError(f"{path}: nothing of the checked frames can be read; first problem: {findings[0].text}")
+    pictures = [picture for report in reports for picture in _draw(report, out)]
+    height_m, tilt_deg, ground_findings = _compare_ground(reports)
+    findings += rig_findings(reports[0].frame.rig) + ground_findings + _whole(reports) + _time_gaps(recording)
+    result = CheckResult(
+        path=path,
+        frames=len(recording),
+        frames_checked=len(reports),
+        boxes=sum(len(report.boxes) for report in reports),
+        boxes_with_lidar_count=sum(report.counted for report in reports),
+        boxes_with_matching_lidar_count=sum(report.matching for report in reports),
+        boxes_in_no_image=sum(report.unseen for report in reports),
+        categories=dict(sum((report.categories for report in reports), Counter())),
+        ground_height_m=height_m,
+        ground_tilt_deg=tilt_deg,
+        findings=_sorted(findings),
+        pictures=tuple(pictures),
+    )
+    _write_json(result.as_dict(), out / "result.json")
+    print(result.summary())
+    return result
+
+
+def _frame_or_finding(recording: Recording, index: int, findings: list[Finding]) -> Frame | None:
+    try:
+        return recording[index]
+    except ValueError as error:
+        findings.append(Finding("error", str(error), "correct the recording", f"frame {index}"))
+        return None
+
+
+def _draw(report: FrameReport, out: Path) -> list[Path]:
+    frame = report.frame
+    boxes = report.boxes
+    panels = []
+    for name in _as_seen(frame.rig):
+        camera = frame.rig[name]
+        caption = f"{name}   {camera.width_px} x {camera.height_px}   f {camera.focal_px:.0f} px   {camera.height_m:.2f} m high"
+        if name not in report.images:
+            message = next(f.text for f in report.findings if f.where == name)
+            panels.append(Panel(message_picture(message, camera.width_px, camera.height_px), caption))
+            continue
+        if report.scan is not None:
+            picture = draw_points(report.images[name], camera, report.scan.points_ego)
+        else:
+            picture = draw_ground(report.images[name], camera, frame.rig.ground)
+        panels.append(Panel(draw_boxes(picture, camera, boxes), caption))
+    ahead = sum(abs(camera.yaw_rad) < np.deg2rad(95) for camera in frame.rig.values())
+    columns = min(max(ahead, len(panels) - ahead), 5)
+    legend = class_legend(boxes.labels.tolist())
+    title = f"{frame.scene}   {frame.token}   {len(boxes)} boxes"
+    cameras = sheet(panels, columns, _SHEET_WIDTH_PX // columns, title, legend)
+    points = None if report.scan is None else report.scan.points_ego
+    above = sheet([Panel(top_view(frame.rig, boxes, points_ego=points), "top view, forward is up")], 1, 900, title, legend)
+    name = "".join(c if c.isalnum() or c in "-_." else "_" for c in frame.token)
+    return [save_png(cameras, out / f"{name}_cameras.png"), save_png(above, out / f"{name}_top.png")]
+
+
+def _as_seen(rig: Rig) -> list[str]:
+    """Forward cameras from left to right, then the others from left to right over the back."""
+    ahead = [name for name in rig if abs(rig[name].yaw_rad) < np.deg2rad(95)]
+    behind = [name for name in rig if name not in ahead]
+    return sorted(ahead, key=lambda n: -rig[n].yaw_rad) + sorted(behind, key=lambda n: rig[n].yaw_rad % (2 * np.pi))
+
+
+def _compare_ground(reports: Sequence[FrameReport]) -> tuple[float | None, float | None, list[Finding]]:
+    fits = [report.ground for report in reports if report.ground is not None]
+    rig = reports[0].frame.rig
+    if not fits:
+        return None, None, [_no_fit(reports, rig)]
+    plane = _median_plane(fits)
+    under_ego = -rig.ground.offset_m * rig.ground.normal
+    height_m = -float(plane.height_m(under_ego))
+    tilt_deg = float(np.rad2deg(np.arccos(np.clip(plane.normal @ rig.ground.normal, -1, 1))))
+    if abs(height_m) <= _MAX_HEIGHT_ERROR_M and tilt_deg <= _MAX_TILT_DEG:
+        return height_m, tilt_deg, []
+    normal = ", ".join(f"{x:.4f}" for x in plane.normal)
+    finding = Finding(
+        "warning",
+        f"the ground fitted to LiDAR lies {height_m:+.2f} m from the rig's and is tilted {tilt_deg:.1f} deg "
+        f"(median of {len(fits)} frames; limits {_MAX_HEIGHT_ERROR_M} m, {_MAX_TILT_DEG:.0f} deg)",
+        "in one frame: the vehicle leans or the road slopes; in all: the ego frame does not start on the ground, set "
+        f"ground: {{normal: [{normal}], offset: {plane.offset_m:.3f}}} in the rig, or correct its poses",
+    )
+    return height_m, tilt_deg, [finding]
+
+
+def _no_fit(reports: Sequence[FrameReport], rig: Rig) -> Finding:
+    if any(report.scan is not None for report in reports):
+        return Finding("note", "too few LiDAR points near the vehicle to fit the ground", "check the rig's ground in the pictures")
+    heights = ", ".join(f"{name} {rig.ground.height_m(camera.ego_from_cam.translation):.2f} m" for name, camera in rig.items())
+    return Finding(
+        "note",
+        f"no LiDAR to verify the ground: cameras are {heights} above it",
+        "measure one camera's height; in the pictures the rings (5, 10, 20, 40 m) must lie on the road",
+    )
+
+
+def _median_plane(fits: Sequence[GroundFit]) -> GroundPlane:
+    return GroundPlane(np.median([fit.plane.normal for fit in fits], axis=0), float(np.median([f.plane.offset_m for f in fits])))
+
+
+def _whole(reports: Sequence[FrameReport]) -> list[Finding]:
+    findings = []
+    unseen, boxes = sum(r.unseen for r in reports), sum(len(r.boxes) for r in reports)
+    if unseen:
+        findings.append(
+            Finding(
+                "note" if unseen < boxes / 2 else "warning",
+                f"{unseen} of {boxes} boxes have their centre in no image",
+                "they are not scored by default; most of them: check the camera poses",
+            )
+        )
+    if all(report.frame.boxes_world is None for report in reports):
+        findings.append(Finding("note", "no annotations", "enough for detection; training and evaluation need boxes"))
+    return findings
+
+
+def _time_gaps(recording: Recording) -> list[Finding]:
+    """Steps within a scene that are far from the usual one, or go backwards, among the first frames."""
+    steps: list[tuple[str, float]] = []
+    last: Frame | None = None
+    for index in range(min(len(recording), _FRAMES_FOR_GAPS)):
+        frame = _frame_or_finding(recording, index, [])
+        if frame is not None and last is not None and frame.scene == last.scene and frame.previous == last.token:
+            steps.append((frame.token, (frame.timestamp_ns - last.timestamp_ns) * 1e-9))
+        last = frame
+    if not any(step for _, step in steps):
+        return []
+    usual = float(np.median([step for _, step in steps]))
+    return [
+        Finding("warning", f"{step:.2f} s after the frame before, usually {usual:.2f} s", "frames are missing or out of order", token)
+        for token, step in steps
+        if step <= 0 or step > 1.8 * usual
+    ]
+
+
+def _sorted(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    order = {"error": 0, "warning": 1, "note": 2}
+    return tuple(sorted(dict.fromkeys(findings), key=lambda finding: order[finding.severity]))
+
+
+def _write_json(content: dict[str, Any], path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".part")
+    partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    partial.replace(path)
