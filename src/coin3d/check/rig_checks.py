@@ -38,12 +38,12 @@ def _mount(name: str, camera: Camera, ground: GroundPlane) -> list[Finding]:
     elevation_deg = float(np.rad2deg(np.arcsin(np.clip(pose.rotation[:, 2] @ ground.normal, -1, 1))))
     down_deg = float(np.rad2deg(np.arccos(np.clip(-pose.rotation[:, 1] @ ground.normal, -1, 1))))
     height_m = float(ground.height_m(pose.translation))
-    facts = f"it sits {height_m:.2f} m above ground, looks {elevation_deg:+.0f} deg above the horizon, is tilted {down_deg:.0f} deg"
+    facts = f"it sits {height_m:.2f} m above ground, looks {elevation_deg:+.0f} deg up, its image is turned {down_deg:.0f} deg"
     if is_plausible_mount(pose.inverse(), ground):
         return [
             Finding(
                 "error",
-                f"the transform is mixed up: the pose is cam_from_ego where ego_from_cam is expected ({facts}; inverted, it fits)",
+                f"the transform is mixed up: cam_from_ego is stored where ego_from_cam is expected ({facts}; inverted, it fits)",
                 "invert the matrix before it is stored",
                 name,
             )
@@ -66,7 +66,9 @@ def _mount(name: str, camera: Camera, ground: GroundPlane) -> list[Finding]:
                 name,
             )
         ]
-    return [Finding("warning", f"an unusual height: {facts}", "positions are metres in the ego frame, z up from the ground", name)]
+    return [
+        Finding("warning", f"an unusual height: {facts}", "positions are metres in the ego frame, from the ground up", name)
+    ]
 
 
 def _intrinsics(name: str, camera: Camera) -> list[Finding]:
@@ -79,7 +81,7 @@ def _intrinsics(name: str, camera: Camera) -> list[Finding]:
                 "warning",
                 f"the principal point ({camera.K[0, 2]:.0f}, {camera.K[1, 2]:.0f}) is far from the centre of a "
                 f"{camera.width_px} x {camera.height_px} image",
-                "K may belong to another image size: scale fx, cx by the width and fy, cy by the height; fine if rows were cut off",
+                "K may belong to another image size: scale its first row with the width, its second with the height; fine after a crop",
                 name,
             )
         )

@@ -13,18 +13,15 @@ import numpy as np
 
 from coin3d.check.finding import Finding
 from coin3d.check.frame_checks import FrameReport, inspect_frame
+from coin3d.check.recording_checks import coverage, ground_against_lidar, time_gaps
 from coin3d.check.rig_checks import rig_findings
 from coin3d.datasets.frame import Frame, Recording
-from coin3d.datasets.ground_fit import GroundFit
 from coin3d.datasets.open import open_recording
 from coin3d.drawing.pictures import draw_boxes, draw_ground, draw_points
 from coin3d.drawing.sheet import Panel, class_legend, message_picture, save_png, sheet
 from coin3d.drawing.top_view import top_view
-from coin3d.geometry import GroundPlane, Rig
+from coin3d.geometry import Rig
 
-_MAX_HEIGHT_ERROR_M = 0.15
-_MAX_TILT_DEG = 1.0
-_FRAMES_FOR_GAPS = 200
 _SHEET_WIDTH_PX = 1920
 
 
@@ -110,8 +107,8 @@ def check(path: Path, out: Path, frames: int = 3) -> CheckResult:
     if not any(report.readable for report in reports):
         raise ValueError(f"{path}: nothing of the checked frames can be read; first problem: {findings[0].text}")
     pictures = [picture for report in reports for picture in _draw(report, out)]
-    height_m, tilt_deg, ground_findings = _compare_ground(reports)
-    findings += rig_findings(reports[0].frame.rig) + ground_findings + _whole(reports) + _time_gaps(recording)
+    height_m, tilt_deg, ground_findings = ground_against_lidar(reports)
+    findings += rig_findings(reports[0].frame.rig) + ground_findings + coverage(reports) + time_gaps(recording)
     result = CheckResult(
         path=path,
         frames=len(recording),
@@ -158,7 +155,7 @@ def _draw(report: FrameReport, out: Path) -> list[Path]:
     ahead = sum(abs(camera.yaw_rad) < np.deg2rad(95) for camera in frame.rig.values())
     columns = min(max(ahead, len(panels) - ahead), 5)
     legend = class_legend(boxes.labels.tolist())
-    title = f"{frame.scene}   {frame.token}   {len(boxes)} boxes"
+    title = "   ".join(dict.fromkeys((frame.scene, frame.token, f"{len(boxes)} boxes")))
     cameras = sheet(panels, columns, _SHEET_WIDTH_PX // columns, title, legend)
     points = None if report.scan is None else report.scan.points_ego
     above = sheet([Panel(top_view(frame.rig, boxes, points_ego=points), "top view, forward is up")], 1, 900, title, legend)
@@ -171,78 +168,6 @@ def _as_seen(rig: Rig) -> list[str]:
     ahead = [name for name in rig if abs(rig[name].yaw_rad) < np.deg2rad(95)]
     behind = [name for name in rig if name not in ahead]
     return sorted(ahead, key=lambda n: -rig[n].yaw_rad) + sorted(behind, key=lambda n: rig[n].yaw_rad % (2 * np.pi))
-
-
-def _compare_ground(reports: Sequence[FrameReport]) -> tuple[float | None, float | None, list[Finding]]:
-    fits = [report.ground for report in reports if report.ground is not None]
-    rig = reports[0].frame.rig
-    if not fits:
-        return None, None, [_no_fit(reports, rig)]
-    plane = _median_plane(fits)
-    under_ego = -rig.ground.offset_m * rig.ground.normal
-    height_m = -float(plane.height_m(under_ego))
-    tilt_deg = float(np.rad2deg(np.arccos(np.clip(plane.normal @ rig.ground.normal, -1, 1))))
-    if abs(height_m) <= _MAX_HEIGHT_ERROR_M and tilt_deg <= _MAX_TILT_DEG:
-        return height_m, tilt_deg, []
-    normal = ", ".join(f"{x:.4f}" for x in plane.normal)
-    finding = Finding(
-        "warning",
-        f"the ground fitted to LiDAR lies {height_m:+.2f} m from the rig's and is tilted {tilt_deg:.1f} deg "
-        f"(median of {len(fits)} frames; limits {_MAX_HEIGHT_ERROR_M} m, {_MAX_TILT_DEG:.0f} deg)",
-        "in one frame: the vehicle leans or the road slopes; in all: the ego frame does not start on the ground, set "
-        f"ground: {{normal: [{normal}], offset: {plane.offset_m:.3f}}} in the rig, or correct its poses",
-    )
-    return height_m, tilt_deg, [finding]
-
-
-def _no_fit(reports: Sequence[FrameReport], rig: Rig) -> Finding:
-    if any(report.scan is not None for report in reports):
-        return Finding("note", "too few LiDAR points near the vehicle to fit the ground", "check the rig's ground in the pictures")
-    heights = ", ".join(f"{name} {rig.ground.height_m(camera.ego_from_cam.translation):.2f} m" for name, camera in rig.items())
-    return Finding(
-        "note",
-        f"no LiDAR to verify the ground: cameras are {heights} above it",
-        "measure one camera's height; in the pictures the rings (5, 10, 20, 40 m) must lie on the road",
-    )
-
-
-def _median_plane(fits: Sequence[GroundFit]) -> GroundPlane:
-    return GroundPlane(np.median([fit.plane.normal for fit in fits], axis=0), float(np.median([f.plane.offset_m for f in fits])))
-
-
-def _whole(reports: Sequence[FrameReport]) -> list[Finding]:
-    findings = []
-    unseen, boxes = sum(r.unseen for r in reports), sum(len(r.boxes) for r in reports)
-    if unseen:
-        findings.append(
-            Finding(
-                "note" if unseen < boxes / 2 else "warning",
-                f"{unseen} of {boxes} boxes have their centre in no image",
-                "they are not scored by default; most of them: check the camera poses",
-            )
-        )
-    if all(report.frame.boxes_world is None for report in reports):
-        findings.append(Finding("note", "no annotations", "enough for detection; training and evaluation need boxes"))
-    return findings
-
-
-def _time_gaps(recording: Recording) -> list[Finding]:
-    """Steps within a scene that are far from the usual one, or go backwards, among the first frames."""
-    steps: list[tuple[str, float]] = []
-    last: Frame | None = None
-    for index in range(min(len(recording), _FRAMES_FOR_GAPS)):
-        frame = _frame_or_finding(recording, index, [])
-        if frame is not None and last is not None and frame.scene == last.scene and frame.previous == last.token:
-            steps.append((frame.token, (frame.timestamp_ns - last.timestamp_ns) * 1e-9))
-        last = frame
-    if not any(step for _, step in steps):
-        return []
-    usual = float(np.median([step for _, step in steps]))
-    return [
-        Finding("warning", f"{step:.2f} s after the frame before, usually {usual:.2f} s", "frames are missing or out of order", token)
-        for token, step in steps
-        if step <= 0 or step > 1.8 * usual
-    ]
 
 
 def _sorted(findings: Sequence[Finding]) -> tuple[Finding, ...]:

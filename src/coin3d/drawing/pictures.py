@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -90,7 +92,7 @@ def draw_ground(image: UInt8[np.ndarray, "h w 3"], camera: Camera, ground: Groun
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     for radius_m, colour in ((5.0, (255, 90, 80)), (10.0, (255, 190, 60)), (20.0, (110, 220, 110)), (40.0, (90, 170, 255))):
         ring = _on_ground(radius_m * directions, ground)
-        for a, b in zip(ring[:-1], ring[1:], strict=True):
+        for a, b in pairwise(ring):
             _draw_lines(out, project_line(camera, a, b), colour, thickness)
     for direction in directions[:-1:3]:
         start, end = _on_ground(np.stack([2.0 * direction, 40.0 * direction]), ground)
@@ -158,7 +160,7 @@ def _draw_lines(out: UInt8[np.ndarray, "h w 3"], lines: list[Float[np.ndarray, "
     for line in lines:
         # far outside the picture the raster routines overflow; nothing visible lies there
         points = np.floor(line.clip(-1e5, 1e5)).astype(int).tolist()
-        for a, b in zip(points[:-1], points[1:], strict=True):
+        for a, b in pairwise(points):
             inside, a, b = cv2.clipLine((-50, -50, out.shape[1] + 100, out.shape[0] + 100), a, b)
             if inside:
                 cv2.line(out, a, b, colour, thickness, cv2.LINE_AA)
@@ -166,7 +168,7 @@ def _draw_lines(out: UInt8[np.ndarray, "h w 3"], lines: list[Float[np.ndarray, "
 
 def _touches(line: Float[np.ndarray, "k 2"], width: int, height: int) -> bool:
     points = line.clip(-1e5, 1e5).astype(int).tolist()
-    return any(cv2.clipLine((0, 0, width, height), a, b)[0] for a, b in zip(points[:-1], points[1:], strict=True))
+    return any(cv2.clipLine((0, 0, width, height), a, b)[0] for a, b in pairwise(points))
 
 
 def _require_size(image: UInt8[np.ndarray, "h w 3"], camera: Camera) -> None:

@@ -27,13 +27,13 @@ class _Canvas:
 
     @property
     def pixels_per_m(self) -> float:
-        return self.image.shape[0] / (2 * self.range_m)
+        return float(self.image.shape[0] / (2 * self.range_m))
 
     def pixels(self, points_ego: Float[np.ndarray, "... d"]) -> Int[np.ndarray, "... 2"]:
         """Whole pixels (right, down) of ego points; ego x is up, ego y is left."""
         right = self.image.shape[0] / 2 - points_ego[..., 1] * self.pixels_per_m
         down = self.image.shape[0] / 2 - points_ego[..., 0] * self.pixels_per_m
-        return np.floor(np.stack([right, down], axis=-1)).astype(np.int32)
+        return np.asarray(np.floor(np.stack([right, down], axis=-1)), dtype=np.int32)
 
 
 def top_view(

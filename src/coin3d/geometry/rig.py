@@ -82,4 +82,4 @@ def is_plausible_mount(ego_from_cam: Pose, ground: GroundPlane) -> bool:
 def _hint_if_inverted(ego_from_cam: Pose, ground: GroundPlane) -> str:
     if not is_plausible_mount(ego_from_cam.inverse(), ground):
         return ""
-    return ". The inverse of its pose is a plausible mount: the file seems to hold cam_from_ego (an extrinsic matrix); invert it"
+    return ". The inverse of its pose would fit: cam_from_ego seems to be stored where ego_from_cam is expected; invert it"
