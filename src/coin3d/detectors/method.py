@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from torch import Tensor, nn
 
-from coin3d.geometry import Camera, ImageTransform
+from coin3d.augmentation import ViewAugmentation
 from coin3d.geometry.camera_tensors import CameraTensors
-
-View = tuple[UInt8[np.ndarray, "h w 3"], Camera, ImageTransform]
-"""An image, its camera, and how both become network input."""
-
-ViewAugmentation = Callable[[View, np.random.Generator], View]
-"""Changes one training view before the generic image augmentation; the camera must keep telling the truth."""
 
 
 class Method(nn.Module):
@@ -27,7 +19,7 @@ class Method(nn.Module):
     """
 
     view_augmentation: ViewAugmentation | None = None
-    """Applied to every training view, in the loader."""
+    """Applied to every training view in the loader, before the generic image augmentation."""
 
     @property
     def extra_image_channels(self) -> int:

@@ -1,0 +1,38 @@
+"""A training view: an image, its camera, and how it becomes network input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import UInt8
+
+from coin3d.geometry import Camera, ImageTransform
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One camera's image on its way into the network.
+
+    Args:
+        image: (h, w, 3) RGB as recorded or rendered.
+        camera: the camera of ``image``.
+        transform: from ``image`` to the network input; augmentations extend it, so pixels are resampled once.
+    """
+
+    image: UInt8[np.ndarray, "h w 3"]
+    camera: Camera
+    transform: ImageTransform
+
+    def network_image(self) -> UInt8[np.ndarray, "H W 3"]:
+        """The network input before normalisation."""
+        return self.transform.image(self.image)
+
+    def network_camera(self) -> Camera:
+        """The camera of the network input."""
+        return self.transform.camera(self.camera)
+
+
+ViewAugmentation = Callable[[View, np.random.Generator], View]
+"""Changes one training view; the camera must keep telling the truth."""

@@ -1,0 +1,75 @@
+"""From frames to batches: fit images to the network, project LiDAR, stack."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+
+from coin3d.augmentation import View
+from coin3d.datasets.frame import Frame
+from coin3d.detectors.batch import Batch, normalise_image
+from coin3d.geometry import Boxes3D, Camera, GroundPlane, fit_width
+from coin3d.geometry.camera_tensors import CameraTensors
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One frame as network input.
+
+    Args:
+        images: (N, H, W, 3) RGB bytes.
+        cameras: the N cameras of those images.
+        ground: ground plane of the rig.
+        bev_from_ego: (3, 3) BEV augmentation.
+        depth_m: (N, H, W) sparse LiDAR depth, or None.
+        boxes: ground truth in the augmented BEV frame, or None.
+    """
+
+    images: UInt8[np.ndarray, "n h w 3"]
+    cameras: tuple[Camera, ...]
+    ground: GroundPlane
+    bev_from_ego: Float[np.ndarray, "3 3"]
+    depth_m: Float[np.ndarray, "n h w"] | None = None
+    boxes: Boxes3D | None = None
+
+
+def plain_views(frame: Frame, width_px: int, height_px: int) -> list[View]:
+    """The frame's images with the paper's image rule and no augmentation, in the order of the rig."""
+    return [View(frame.image(name), camera, fit_width(camera, width_px, height_px)) for name, camera in frame.rig.items()]
+
+
+def frame_sample(frame: Frame, width_px: int, height_px: int) -> Sample:
+    """A frame as input for detection."""
+    views = plain_views(frame, width_px, height_px)
+    images = np.stack([v.network_image() for v in views])
+    return Sample(images, tuple(v.network_camera() for v in views), frame.rig.ground, np.eye(3))
+
+
+def collate(samples: Sequence[Sample]) -> Batch:
+    """Stack samples; rigs may have different numbers of cameras."""
+    cameras = [c for s in samples for c in s.cameras]
+    grounds = [s.ground for s in samples for _ in s.cameras]
+    depths = [s.depth_m for s in samples if s.depth_m is not None]
+    return Batch(
+        torch.stack([normalise_image(image) for s in samples for image in s.images]),
+        CameraTensors.from_cameras(cameras, grounds),
+        torch.tensor([i for i, s in enumerate(samples) for _ in s.cameras]),
+        torch.from_numpy(np.stack([s.bev_from_ego for s in samples])).float(),
+        torch.from_numpy(np.concatenate(depths)) if len(depths) == len(samples) else None,
+        tuple(s.boxes for s in samples if s.boxes is not None),
+    )
+
+
+def lidar_depth(points_ego: Float[np.ndarray, "n 3"], camera: Camera) -> Float[np.ndarray, "h w"]:
+    """Nearest LiDAR depth in each pixel of a camera, metres along the optical axis, 0 where no point falls."""
+    pixels, depth_m = camera.project(points_ego)
+    seen = camera.sees(points_ego)
+    u, v = np.floor(pixels[seen]).astype(np.int64).T
+    flat = np.full(camera.height_px * camera.width_px, np.inf, dtype=np.float32)
+    np.minimum.at(flat, v * camera.width_px + u, depth_m[seen].astype(np.float32))
+    flat[np.isinf(flat)] = 0
+    return flat.reshape(camera.height_px, camera.width_px)

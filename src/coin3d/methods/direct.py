@@ -1,0 +1,41 @@
+"""Direct transfer (paper tables, row "Direct Transfer"): BEVDepth with its own camera-aware squeeze-and-excitation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from coin3d.detectors.method import Method
+from coin3d.geometry.camera_tensors import CameraTensors
+
+
+@dataclass(frozen=True)
+class DirectOptions:
+    """Direct transfer has nothing to set."""
+
+
+class Direct(Method):
+    """Gives the depth net the camera's numbers: K with the image augmentation folded in, BEV augmentation, mounting.
+
+    Spec detectors 1.5 lists 27 numbers with intrinsics and image augmentation apart; here they are multiplied out,
+    because a camera of this project carries one K: 6 + 5 + 12 = 23.
+    """
+
+    def __init__(self, options: DirectOptions | None = None) -> None:
+        super().__init__()
+        self.options = options or DirectOptions()
+
+    @property
+    def camera_vector_channels(self) -> int:
+        return 23
+
+    def camera_vector(
+        self, cameras: CameraTensors, bev_from_ego: Float[Tensor, "m 3 3"], context: Any
+    ) -> Float[Tensor, "m 23"]:
+        intrinsics = cameras.K[:, :2].flatten(1)
+        bev = bev_from_ego[:, (0, 0, 1, 1, 2), (0, 1, 0, 1, 2)]
+        return torch.cat([intrinsics, bev, cameras.ego_from_cam[:, :3].flatten(1)], dim=1)

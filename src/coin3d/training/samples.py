@@ -1,0 +1,118 @@
+"""Training samples, each a function of the seed and its number alone: any of them can be drawn again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch.utils.data
+
+from coin3d.augmentation import BevAugmentation, ImageAugmentation, View, ViewAugmentation, transform_boxes
+from coin3d.datasets.classes import ClassMap
+from coin3d.datasets.frame import Frame, Recording
+from coin3d.detectors.inputs import Sample, lidar_depth
+from coin3d.geometry import Boxes3D, Camera, fit_width
+
+
+@dataclass(frozen=True)
+class AugmentOptions:
+    """Augmentation that every method shares.
+
+    Args:
+        image: mirrors and turns of images.
+        bev: turns, scales and mirrors of the ground plane.
+        cameras_per_sample: train on this many randomly chosen cameras of each frame; 0 means all.
+    """
+
+    image: ImageAugmentation = field(default_factory=ImageAugmentation)
+    bev: BevAugmentation = field(default_factory=BevAugmentation)
+    cameras_per_sample: int = 0
+
+    def __post_init__(self) -> None:
+        if self.cameras_per_sample < 0:
+            raise ValueError(f"cameras_per_sample is 0 (all) or a count, got {self.cameras_per_sample}")
+
+
+class TrainingSamples(torch.utils.data.Dataset[Sample]):
+    """Endless, shuffled, augmented samples of a recording.
+
+    Sample n is drawn from the frame at place n of an endless sequence of shuffled passes, with a random generator seeded
+    by (seed, n): a resumed run sees exactly what an uninterrupted one would have seen.
+
+    Args:
+        recordings: where frames come from; several are mixed frame by frame.
+        class_map: which classes are learned.
+        size_px: (width, height) of the network input.
+        augment: generic augmentation.
+        view_augmentation: the method's own augmentation of a view.
+        seed: of everything random.
+        count: how many samples there are.
+    """
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording],
+        class_map: ClassMap,
+        size_px: tuple[int, int],
+        augment: AugmentOptions,
+        view_augmentation: ViewAugmentation | None,
+        seed: int,
+        count: int,
+    ) -> None:
+        self.recordings, self.class_map, self.size_px = list(recordings), class_map, size_px
+        self.augment, self.view_augmentation, self.seed, self.count = augment, view_augmentation, seed, count
+        self.places = [(r, i) for r, recording in enumerate(self.recordings) for i in range(len(recording))]
+        if not self.places:
+            raise ValueError("there are no frames to train on")
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, number: int) -> Sample:
+        epoch, place = divmod(number, len(self.places))
+        order = np.random.default_rng([self.seed, epoch]).permutation(len(self.places))
+        recording, index = self.places[order[place]]
+        rng = np.random.default_rng([self.seed, epoch, number])
+        return self.draw(self.recordings[recording][index], rng)
+
+    def draw(self, frame: Frame, rng: np.random.Generator) -> Sample:
+        """One augmented sample of a frame."""
+        if frame.boxes is None:
+            raise ValueError(f"frame {frame.token} has no annotations; training needs them")
+        if frame.lidar is None:
+            raise ValueError(f"frame {frame.token} has no LiDAR; training needs it for depth supervision")
+        views = [self._view(frame, name, rng) for name in self._choose(frame, rng)]
+        cameras = [v.network_camera() for v in views]
+        points_ego = frame.lidar.load().points_ego
+        bev_from_ego = self.augment.bev.draw(rng)
+        return Sample(
+            np.stack([v.network_image() for v in views]),
+            tuple(cameras),
+            frame.rig.ground,
+            bev_from_ego,
+            np.stack([lidar_depth(points_ego, camera) for camera in cameras]),
+            transform_boxes(visible_boxes(self.class_map.apply(frame.boxes), cameras), bev_from_ego),
+        )
+
+    def _choose(self, frame: Frame, rng: np.random.Generator) -> list[str]:
+        names = list(frame.rig)
+        count = self.augment.cameras_per_sample
+        if count == 0 or count >= len(names):
+            return names
+        return [names[i] for i in sorted(rng.choice(len(names), count, replace=False))]
+
+    def _view(self, frame: Frame, name: str, rng: np.random.Generator) -> View:
+        camera = frame.rig[name]
+        view = View(frame.image(name), camera, fit_width(camera, *self.size_px))
+        if self.view_augmentation is not None:
+            view = self.view_augmentation(view, rng)
+        return self.augment.image(view, rng)
+
+
+def visible_boxes(boxes: Boxes3D, cameras: Sequence[Camera]) -> Boxes3D:
+    """Boxes a detector can be asked for: the centre falls into an image, and LiDAR hit it where hits were counted."""
+    seen = np.zeros(len(boxes), dtype=bool)
+    for camera in cameras:
+        seen |= camera.sees(boxes.centre_m)
+    return boxes[seen & (boxes.num_lidar_points != 0)]
