@@ -33,16 +33,19 @@ class RankedClass:
 
     def recall(self) -> Float[np.ndarray, "n"]:
         """Fraction of the objects found by the first 1 .. N detections."""
-        return np.asarray(np.cumsum(self.hit) / self.num_truth, dtype=np.float64)
+        return np.cumsum(self.hit) / self.num_truth
 
     def precision_on_grid(self) -> Float[np.ndarray, "101"]:
-        """Precision at each recall of the grid, 0 beyond the largest recall reached."""
+        """Precision at each recall of the grid, 0 beyond the largest recall reached.
+
+        A recall that several detections share (a hit and the misses after it) has the precision after the last miss.
+        """
         precision = np.cumsum(self.hit) / np.arange(1, len(self.hit) + 1)
         return np.interp(RECALL_GRID, self.recall(), precision, right=0)
 
     def score_on_grid(self) -> Float[np.ndarray, "101"]:
         """The score above which detections must be kept to reach each recall, 0 beyond the largest."""
-        return np.interp(RECALL_GRID, self.recall(), self.scores, right=0)
+        return np.interp(RECALL_GRID, self.recall(), self.scores.astype(np.float64), right=0)
 
 
 def average_precision(ranked: RankedClass, protocol: Protocol) -> float:
