@@ -46,7 +46,7 @@ class Report:
     def table(self) -> str:
         """Plain text: one line per class, their mean, the unfiltered mean, the protocol."""
         thresholds = [f"AP@{t:g}" for t in self.protocol.distance_thresholds_m]
-        lines = [_line("class", ["truth", "found", "AP", *thresholds, "ATE", "ASE", "AOE", "NDS*"])]
+        lines = [_line("class", ["truth", "pred", "AP", *thresholds, "ATE", "ASE", "AOE", "NDS*"])]
         for name, c in self.metrics.classes.items():
             numbers = [c.ap, *c.ap_at.values(), c.ate, c.ase, c.aoe, c.nds_star]
             lines.append(_line(name, [str(c.num_truth), str(c.num_predictions), *(f"{x:.3f}" for x in numbers)]))
