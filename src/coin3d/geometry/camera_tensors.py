@@ -37,12 +37,14 @@ class CameraTensors:
         """Stack cameras that share an image size, each with the ground plane of its rig (float32).
 
         Raises:
-            ValueError: no cameras, or cameras of different image sizes.
+            ValueError: no cameras, cameras of different image sizes, or another number of ground planes.
         """
         sizes = {(c.height_px, c.width_px) for c in cameras}
         if len(sizes) != 1:
             raise ValueError(f"a camera batch has exactly one image size, got {sorted(sizes)}")
         ((height, width),) = sizes
+        if len(grounds) != len(cameras):
+            raise ValueError(f"a camera batch needs one ground plane per camera, got {len(grounds)} for {len(cameras)} cameras")
         planes = [[*g.normal, g.offset_m] for g in grounds]
         return cls(
             torch.from_numpy(np.stack([c.K for c in cameras])).float(),

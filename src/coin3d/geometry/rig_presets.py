@@ -13,17 +13,21 @@ from coin3d.geometry.rig import Rig
 
 @dataclass(frozen=True)
 class _Mount:
-    """One row of the table: name, position (x, y, z) in metres, yaw in degrees, focal length and image size in pixels."""
+    """One row of the table: name, position (x, y, z) in metres, yaw in degrees, focal length and image size in pixels.
+
+    ``rows_cut`` are missing at the top of an image whose principal point was its centre before.
+    """
 
     name: str
     position_m: tuple[float, float, float]
     yaw_deg: float
     focal_px: float
     size_px: tuple[int, int]
+    rows_cut: int = 0
 
     def camera(self) -> Camera:
         width, height = self.size_px
-        K = np.array([[self.focal_px, 0, width / 2], [0, self.focal_px, height / 2], [0, 0, 1]])
+        K = np.array([[self.focal_px, 0, width / 2], [0, self.focal_px, (height - self.rows_cut) / 2], [0, 0, 1]])
         return Camera(K, width, height, camera_pose(self.position_m, np.deg2rad(self.yaw_deg)))
 
 
@@ -51,13 +55,14 @@ def _lyft(size: tuple[int, int], focal: float, front_height: float) -> list[_Mou
 
 
 def _waymo() -> list[_Mount]:
-    front, side = (1920, 1280), (1920, 886)
+    # the side images are the lower 886 of 1280 rows: only so is their vertical FoV the table's 35 degrees
+    front, side, cut = (1920, 1280), (1920, 886), 1280 - 886
     return [
         _Mount("FRONT", (1.55, 0.0, 2.1), 0, 2050, front),
         _Mount("FRONT_LEFT", (1.5, 0.1, 2.1), 45, 2050, front),
         _Mount("FRONT_RIGHT", (1.5, -0.1, 2.1), -45, 2050, front),
-        _Mount("SIDE_LEFT", (1.4, 0.1, 2.1), 90, 2050, side),
-        _Mount("SIDE_RIGHT", (1.4, -0.1, 2.1), -90, 2050, side),
+        _Mount("SIDE_LEFT", (1.4, 0.1, 2.1), 90, 2050, side, cut),
+        _Mount("SIDE_RIGHT", (1.4, -0.1, 2.1), -90, 2050, side, cut),
     ]
 
 
