@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import cast, get_args
 
 import pytest
 import torch
@@ -83,7 +83,7 @@ def test_projector_variants(projector: Projector, shapes: list[tuple[int, ...]])
 def test_unknown_projector() -> None:
     assert set(get_args(Projector)) == {"conv1", "conv1+conv1", "conv3", "conv3+conv3"}
     with pytest.raises(ValueError, match="projector is one of"):
-        SpatialModulation(4, projector="conv5")  # type: ignore[arg-type]
+        SpatialModulation(4, projector=cast(Projector, "conv5"))
 
 
 def test_gradients_reach_features_and_projector() -> None:
