@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from coin3d.geometry import Boxes3D, Pose, wrap_angle
 
-
 Triple = tuple[float, float, float]
 
 
