@@ -117,7 +117,7 @@ def _check_boxes(report: FrameReport) -> None:
             report.findings.append(
                 Finding(
                     "warning",
-                    f"box bottoms lie {height_m:+.2f} m from the ground (median of the {len(near)} boxes within {_NEAR_BOX_M:.0f} m)",
+                    f"box bottoms lie {height_m:+.2f} m from the ground (median of the {len(near)} nearest boxes)",
                     "box centres must be centres of gravity, and the rig's ground the real one",
                     frame.token,
                 )

@@ -43,7 +43,7 @@ def _mount(name: str, camera: Camera, ground: GroundPlane) -> list[Finding]:
         return [
             Finding(
                 "error",
-                f"the transform is mixed up: cam_from_ego is stored where ego_from_cam is expected ({facts}; inverted, it fits)",
+                f"the transform is mixed up: cam_from_ego is stored for ego_from_cam ({facts}; inverted it fits)",
                 "invert the matrix before it is stored",
                 name,
             )
@@ -81,7 +81,7 @@ def _intrinsics(name: str, camera: Camera) -> list[Finding]:
                 "warning",
                 f"the principal point ({camera.K[0, 2]:.0f}, {camera.K[1, 2]:.0f}) is far from the centre of a "
                 f"{camera.width_px} x {camera.height_px} image",
-                "K may belong to another image size: scale its first row with the width, its second with the height; fine after a crop",
+                "K may belong to another image size: scale row 1 with the width, row 2 with the height; fine after a crop",
                 name,
             )
         )

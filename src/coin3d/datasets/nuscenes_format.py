@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from coin3d.datasets.frame import Frame, ImageSource
+from coin3d.datasets.frame import Frame
 from coin3d.datasets.json_table import Row, Table
 from coin3d.datasets.lidar_file import LidarFile
 from coin3d.datasets.nuscenes_tables import find_version_folder, read_tables
@@ -81,8 +81,8 @@ class NuScenesRecording:
         return Frame(
             token=token,
             timestamp_ns=_nanoseconds(self._tables.sample_data, reference),
-            rig=Rig({c: self._camera(data[c], world_from_ego) for c in cameras}, name=self.root.name),
-            images={c: self._image(data[c]) for c in cameras},
+            rig=self._rig({c: data[c] for c in cameras}, world_from_ego),
+            images={c: self._path(data[c]) for c in cameras},
             world_from_ego=world_from_ego,
             boxes_world=self._boxes_world(token),
             lidar=LidarFile(self._path(data[lidar]), self._ego_from_sensor(data[lidar])) if lidar else None,
@@ -136,14 +136,19 @@ class NuScenesRecording:
     def _path(self, data: Row) -> Path:
         return self.root / str(self._tables.sample_data.value(data, "filename"))
 
-    def _image(self, data: Row) -> ImageSource:
-        return self._path(data)
-
     def _world_from_ego(self, data: Row) -> Pose:
         return _pose(self._tables.ego_pose, self._tables.sample_data.follow(data, "ego_pose_token", self._tables.ego_pose))
 
     def _ego_from_sensor(self, data: Row) -> Pose:
         return _pose(self._tables.calibrated_sensor, self._tables.calibration(data))
+
+    def _rig(self, data: dict[str, Row], world_from_ego: Pose) -> Rig:
+        try:
+            return Rig({c: self._camera(row, world_from_ego) for c, row in data.items()}, name=self.root.name)
+        except ValueError as error:
+            message = str(error)
+            located = message.startswith(str(self._tables.calibrated_sensor.path.parent))
+            raise ValueError(message if located else f"{self._tables.calibrated_sensor.path}: {message}") from error
 
     def _camera(self, data: Row, world_from_ego: Pose) -> Camera:
         camera = self._calibrated_camera(data)
