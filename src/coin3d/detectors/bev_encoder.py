@@ -30,9 +30,7 @@ class BevEncoder(nn.Module):
             self.stages.append(nn.Sequential(BasicBlock(inputs, channels, 2, shortcut), BasicBlock(channels, channels)))
             inputs = channels
         self.lift_coarse = nn.Upsample(scale_factor=4, mode="bilinear", align_corners=True)
-        self.merge = nn.Sequential(
-            conv_bn_relu(stages[0] + stages[2], 2 * outputs), conv_bn_relu(2 * outputs, 2 * outputs)
-        )
+        self.merge = nn.Sequential(conv_bn_relu(stages[0] + stages[2], 2 * outputs), conv_bn_relu(2 * outputs, 2 * outputs))
         self.lift_fine = nn.Sequential(
             nn.Upsample(scale_factor=2, mode="bilinear", align_corners=True),
             conv_bn_relu(2 * outputs, outputs),

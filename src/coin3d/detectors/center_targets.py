@@ -99,7 +99,11 @@ def focal_loss(logits: Float[Tensor, "b k y x"], target: Float[Tensor, "b k y x"
 
 
 def center_losses(
-    outputs: dict[str, Float[Tensor, "b k y x"]], targets: CenterTargets, *, heatmap_weight: float = 6.0, box_weight: float = 1.5
+    outputs: dict[str, Float[Tensor, "b k y x"]],
+    targets: CenterTargets,
+    *,
+    heatmap_weight: float = 6.0,
+    box_weight: float = 1.5,
 ) -> dict[str, Float[Tensor, ""]]:
     """Focal loss of the heat map and an L1 loss per regression, each averaged over its objects."""
     losses = {"heatmap": heatmap_weight * focal_loss(outputs["heatmap"], targets.heatmap)}

@@ -93,7 +93,9 @@ class LiftSplat:
         device = cameras.K.device
         h, w = cameras.height_px // self.stride, cameras.width_px // self.stride
         v, u = torch.meshgrid(
-            (torch.arange(h, device=device) + 0.5) * self.stride, (torch.arange(w, device=device) + 0.5) * self.stride, indexing="ij"
+            (torch.arange(h, device=device) + 0.5) * self.stride,
+            (torch.arange(w, device=device) + 0.5) * self.stride,
+            indexing="ij",
         )
         pixels = torch.stack([u, v, torch.ones_like(u)], dim=-1)
         bev_from_ego_cam = bev_from_ego[sample_index]

@@ -1,0 +1,111 @@
+"""Checkpoints: one safetensors file that knows how to build its detector. Nothing in it is ever executed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from coin3d.detectors import DETECTORS, BEVDepth
+from coin3d.methods import METHODS
+from coin3d.records import from_plain, to_plain, write_bytes
+
+FORMAT = 1
+
+
+def build_detector(detector: str, config: Any, classes: tuple[str, ...], method: str, options: Any) -> BEVDepth:
+    """A fresh detector with a method attached."""
+    _, make_detector = DETECTORS[detector]
+    _, make_method = METHODS[method]
+    model: BEVDepth = make_detector(config, classes, make_method(options))
+    return model
+
+
+def describe(
+    detector: str, config: Any, classes: tuple[str, ...], method: str, options: Any, notes: str = ""
+) -> dict[str, Any]:
+    """What, beside the weights, a checkpoint needs to build its detector again."""
+    return {
+        "format": FORMAT,
+        "detector": detector,
+        "config": to_plain(config),
+        "classes": list(classes),
+        "method": method,
+        "options": to_plain(options),
+        "notes": notes,
+    }
+
+
+def save_checkpoint(path: Path, weights: dict[str, Tensor], description: dict[str, Any], *, half: bool = False) -> None:
+    """Write weights and description atomically; ``half`` stores floating-point weights in 16 bits (for shipping)."""
+    tensors = {}
+    for name, tensor in weights.items():
+        shrink = half and tensor.dtype == torch.float32 and "running_" not in name
+        tensors[name] = (tensor.half() if shrink else tensor).detach().cpu().contiguous()
+    write_bytes(path, save(tensors, metadata={"coin3d": json.dumps(description)}))
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """The description of a checkpoint, without reading its weights.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: not a checkpoint of this project, or of a newer format.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such checkpoint")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise ValueError(f"{path}: not a complete safetensors file ({error}); is it truncated?") from error
+    if "coin3d" not in metadata:
+        raise ValueError(f"{path}: a safetensors file, but not a checkpoint made by coin3d train")
+    description: dict[str, Any] = json.loads(metadata["coin3d"])
+    if description.get("format") != FORMAT:
+        raise ValueError(f"{path}: checkpoint format {description.get('format')}, this version reads {FORMAT}")
+    return description
+
+
+def load_checkpoint(path: Path) -> tuple[BEVDepth, dict[str, Any]]:
+    """Build the detector a checkpoint describes and load its weights (float32, evaluation mode).
+
+    Raises:
+        ValueError: unknown detector or method, or weights that do not belong to them.
+    """
+    d = read_description(path)
+    for key, known in (("detector", DETECTORS), ("method", METHODS)):
+        if d[key] not in known:
+            raise ValueError(f"{path}: made with the {key} '{d[key]}', known are {', '.join(known)}")
+    config = from_plain(DETECTORS[d["detector"]][0], {**d["config"], "pretrained": False})
+    options = from_plain(METHODS[d["method"]][0], d["options"])
+    model = build_detector(d["detector"], config, tuple(d["classes"]), d["method"], options)
+    load_weights(model, path)
+    return model.eval(), d
+
+
+def load_weights(model: BEVDepth, path: Path) -> None:
+    """Load a checkpoint's weights into a detector of the same shape.
+
+    Raises:
+        ValueError: weights that are missing, unknown or of another shape, naming the first.
+    """
+    description = read_description(path)
+    with safe_open(path, framework="pt") as file:
+        weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    own = model.state_dict()
+    if wrong := sorted(set(own) ^ set(weights)):
+        side = "lacks" if wrong[0] in own else "has the extra"
+        raise ValueError(
+            f"{path} is a checkpoint of {description['detector']} with the method {description['method']}: it {side} "
+            f"weight '{wrong[0]}' ({len(wrong)} names differ); choose the same detector, preset and method"
+        )
+    for name, tensor in weights.items():
+        if tensor.shape != own[name].shape:
+            raise ValueError(f"{path}: '{name}' has shape {tuple(tensor.shape)}, this detector needs {tuple(own[name].shape)}")
+    model.load_state_dict({name: tensor.to(own[name].dtype) for name, tensor in weights.items()})

@@ -1,0 +1,46 @@
+"""Run a detector over a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+
+from coin3d.datasets.classes import ClassMap
+from coin3d.datasets.frame import Frame
+from coin3d.detectors import BEVDepth, collate, frame_sample
+from coin3d.evaluation import Protocol, Report, score
+from coin3d.geometry import Boxes3D
+
+
+@torch.no_grad()
+def predict(
+    model: BEVDepth,
+    frames: Sequence[Frame],
+    *,
+    device: torch.device | str = "cpu",
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Boxes3D]:
+    """Detect in each frame; returns token -> boxes in the ego frame at the reference time."""
+    model = model.to(device).eval()
+    config, found = model.config, {}
+    for i, frame in enumerate(frames):
+        batch = collate([frame_sample(frame, config.image_width_px, config.image_height_px)]).to(device)
+        found[frame.token] = model.detect(batch)[0]
+        if progress is not None and ((i + 1) % 20 == 0 or i + 1 == len(frames)):
+            progress(f"detected in {i + 1} of {len(frames)} frames")
+    return found
+
+
+def score_frames(frames: Sequence[Frame], predictions: dict[str, Boxes3D], class_map: ClassMap, protocol: Protocol) -> Report:
+    """Score predictions against the annotations of the frames.
+
+    Raises:
+        ValueError: a frame without annotations.
+    """
+    truth = {}
+    for frame in frames:
+        if frame.boxes is None:
+            raise ValueError(f"frame {frame.token} has no annotations to score against; coin3d detect needs none")
+        truth[frame.token] = class_map.apply(frame.boxes)
+    return score(truth, predictions, {frame.token: frame.rig for frame in frames}, protocol)

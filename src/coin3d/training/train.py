@@ -1,0 +1,85 @@
+"""Set a training run up from names and folders, and run it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from coin3d.datasets.classes import ClassMap
+from coin3d.datasets.open import open_recording
+from coin3d.records import to_plain, write_json
+from coin3d.training.checkpoint import build_detector, describe, load_weights
+from coin3d.training.curves import draw_curves
+from coin3d.training.loop import LOG_FILE, WEIGHTS_FILE, fit
+from coin3d.training.options import TrainOptions
+from coin3d.training.run_dir import environment, fingerprint, git_state
+from coin3d.training.samples import TrainingSamples
+
+RUN_FILE = "run.json"
+
+
+def train(
+    data: Sequence[Path],
+    out: Path,
+    *,
+    detector: str,
+    config: Any,
+    method: str,
+    method_options: Any,
+    class_map: ClassMap,
+    options: TrainOptions,
+    init: Path | None = None,
+    device: str = "cpu",
+    progress: Callable[[str], None] = print,
+) -> Path:
+    """Train a detector on one or more recordings; returns the path of its weights.
+
+    ``out`` receives run.json (everything needed to repeat the run), log.jsonl, curves.png and model.safetensors. Called
+    again on an unfinished ``out`` with the same arguments it continues.
+
+    Raises:
+        ValueError: ``out`` holds a run with other settings, or data that cannot be trained on.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    settings = to_plain(
+        {
+            "data": [str(p) for p in data],
+            "detector": detector,
+            "config": config,
+            "method": method,
+            "options": method_options,
+            "classes": class_map.name,
+            "training": options,
+            "init": str(init) if init else None,
+        }
+    )
+    _claim(out, settings, data)
+    torch.manual_seed(options.seed)
+    model = build_detector(detector, config, class_map.classes, method, method_options)
+    if init is not None:
+        load_weights(model, init)
+    size = (config.image_width_px, config.image_height_px)
+    recordings = [open_recording(path) for path in data]
+    count = options.steps * options.batch_size
+    view_augmentation = model.method.view_augmentation
+    samples = TrainingSamples(recordings, class_map, size, options.augment, view_augmentation, options.seed, count)
+    notes = f"trained on {', '.join(Path(p).name for p in data)} for {options.steps} steps"
+    description = describe(detector, config, class_map.classes, method, method_options, notes)
+    fit(model, samples, options, out, description, device=device, progress=progress)
+    draw_curves(out / LOG_FILE, out / "curves.png")
+    return out / WEIGHTS_FILE
+
+
+def _claim(out: Path, settings: Any, data: Sequence[Path]) -> None:
+    path = out / RUN_FILE
+    if path.is_file():
+        before = json.loads(path.read_text(encoding="utf-8"))["settings"]
+        differing = [k for k in settings if before.get(k) != settings[k]]
+        if differing:
+            raise ValueError(f"{out} holds a run with another {', '.join(differing)}; choose an empty folder, or delete it")
+        return
+    write_json(path, {"settings": settings, "git": git_state(), "data_fingerprint": fingerprint(data), **environment()})
