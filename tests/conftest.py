@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+
 from tiny_recording import write_recording
 
 _CHECKOUT = Path(__file__).resolve().parents[1]

@@ -98,11 +98,23 @@ def _write_sample(root: Path, tables: dict[str, list[dict[str, Any]]], s: int, k
 
 
 def _add_data(
-    tables: dict[str, list[dict[str, Any]]], sample: str, channel: str, filename: str, time_us: int, metres: float, key: bool, size: tuple[int, int]
-) -> None:  # fmt: skip
+    tables: dict[str, list[dict[str, Any]]],
+    sample: str,
+    channel: str,
+    filename: str,
+    time_us: int,
+    metres: float,
+    key: bool,
+    size: tuple[int, int],
+) -> None:
     pose = world_from_ego(metres)
     tables["ego_pose"].append(
-        {"token": filename, "translation": pose.translation.tolist(), "rotation": pose.quaternion.tolist(), "timestamp": time_us}
+        {
+            "token": filename,
+            "translation": pose.translation.tolist(),
+            "rotation": pose.quaternion.tolist(),
+            "timestamp": time_us,
+        }
     )
     tables["sample_data"].append(
         {
@@ -139,7 +151,7 @@ def _annotate(tables: dict[str, list[dict[str, Any]]], sample: str, s: int, k: i
                 **common,
                 "token": f"ann_walker{s}",
                 "instance_token": f"walker{s}",
-                "translation": [9.0, -4.0, 0.9],
+                "translation": [9.0, -4.0, 1.0],
                 "size": [0.6, 0.7, 1.8],
                 "num_lidar_pts": 0,
                 "prev": "",

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tiny_recording import CAMERAS, edit_table
 
 from coin3d.datasets.nuscenes_format import NuScenesRecording
+from coin3d.datasets.nuscenes_tables import NuScenesTables
+from tiny_recording import CAMERAS, edit_table
 
 Rows = list[dict[str, Any]]
 
 
-@pytest.mark.parametrize(
-    "table", ["scene", "sample", "sample_data", "ego_pose", "calibrated_sensor", "sensor", "sample_annotation", "instance", "category"]
-)  # fmt: skip
+@pytest.mark.parametrize("table", [field.name for field in fields(NuScenesTables)])
 def test_missing_and_truncated_tables(tiny_recording: Path, table: str) -> None:
     path = tiny_recording / "v1.0-tiny" / f"{table}.json"
     content = path.read_text()
@@ -23,7 +23,9 @@ def test_missing_and_truncated_tables(tiny_recording: Path, table: str) -> None:
     with pytest.raises(ValueError, match=rf"{table}\.json: not a JSON list"):
         NuScenesRecording(tiny_recording, "v1.0-tiny")
     path.unlink()
-    with pytest.raises(FileNotFoundError, match="nuScenes-format tables" if table == "sample" else rf"{table}\.json: this table"):
+    with pytest.raises(
+        FileNotFoundError, match="nuScenes-format tables" if table == "sample" else rf"{table}\.json: this table"
+    ):
         NuScenesRecording(tiny_recording, "v1.0-tiny")
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_recording import CAMERAS, EGO_FROM_LIDAR, POLE_WORLD, START_US, K, edit_table, world_from_ego, write_recording
 
 from coin3d.datasets.nuscenes_format import NuScenesRecording
+from tiny_recording import CAMERAS, EGO_FROM_LIDAR, POLE_WORLD, START_US, edit_table, world_from_ego, write_recording
 
 
 def test_frames_come_scene_by_scene_with_their_neighbours(tiny_recording: Path) -> None:
@@ -38,7 +38,7 @@ def test_known_cameras_first_then_by_name(tiny_recording: Path) -> None:
 
 def test_intrinsics_move_from_opencv_to_pixel_edges(tiny_recording: Path) -> None:
     camera = NuScenesRecording(tiny_recording)[0].rig["CAM_FRONT"]
-    np.testing.assert_allclose(camera.K, np.array(K) + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    np.testing.assert_allclose(camera.K, np.array([[60, 0, 48], [0, 60, 32], [0, 0, 1]]))
     assert (camera.width_px, camera.height_px) == (96, 64)
 
 
@@ -47,7 +47,7 @@ def test_camera_poses_contain_the_ego_motion_since_they_fired(tiny_recording: Pa
     for name, ego_from_cam in CAMERAS.items():
         pose = frame.rig[name].ego_from_cam
         # the ego drove 0.04 m forward between camera and LiDAR
-        np.testing.assert_allclose(pose.translation, ego_from_cam.translation - [0.04, 0, 0], atol=1e-9)
+        np.testing.assert_allclose(pose.translation, ego_from_cam.translation - np.array([0.04, 0, 0]), atol=1e-9)
         np.testing.assert_allclose(pose.rotation, ego_from_cam.rotation, atol=1e-9)
         point_world = (world_from_ego(0.96) @ ego_from_cam).apply(np.array([0.3, -0.2, 7.0]))
         pixel, depth_m = frame.rig[name].project(frame.world_from_ego.inverse().apply(point_world))
@@ -100,7 +100,7 @@ def test_lidar_and_sweeps_share_the_ego_frame_of_the_key_frame(tiny_recording: P
     for part, (_, sweep) in enumerate(sweeps, start=1):
         points = sweep.load()
         np.testing.assert_allclose(points.points_ego[0], pole_ego, atol=1e-5)
-        np.testing.assert_allclose(points.origin_ego, EGO_FROM_LIDAR.translation + [part / 3, 0, 0], atol=1e-9)
+        np.testing.assert_allclose(points.origin_ego, EGO_FROM_LIDAR.translation + np.array([part / 3, 0, 0]), atol=1e-9)
 
 
 def test_no_annotations_at_all_means_no_labels_but_none_in_one_frame_means_empty(tiny_recording: Path) -> None:

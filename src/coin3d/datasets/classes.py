@@ -86,7 +86,7 @@ PLAIN_CAR = ClassMap("plain car", _to(CAR, *_PLAIN_CARS))
 """Cars in the narrow sense; Waymo only has VEHICLE."""
 
 MERGED_CAR = ClassMap("merged car", _to(CAR, *_PLAIN_CARS, *_OTHER_CARS))
-"""Everything Waymo would call VEHICLE is a car (spec datasets F)."""
+"""Everything that Waymo would call VEHICLE is a car (docs/datasets.md)."""
 
 THREE_CLASS = ClassMap(
     "car, pedestrian, two-wheel",

@@ -1,4 +1,4 @@
-"""The tables of a nuScenes-format recording (spec: nuScenes v1.0 schema), found on disk and joined by token."""
+"""The tables of a nuScenes-format recording (nuScenes v1.0 schema), found on disk and joined by token."""
 
 from __future__ import annotations
 
