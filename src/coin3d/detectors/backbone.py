@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import timm
 import torch
@@ -28,10 +29,11 @@ class ImageBackbone(nn.Module):
         if wrong or list(strides) != sorted(strides):
             raise ValueError(f"backbone strides are rising values out of {_STRIDES}, got {tuple(strides)}")
         indices = tuple(_STRIDES.index(s) for s in strides)
-        self.trunk = timm.create_model(name, pretrained=pretrained, features_only=True, out_indices=indices)
-        self.channels: list[int] = self.trunk.feature_info.channels()
+        trunk: Any = timm.create_model(name, pretrained=pretrained, features_only=True, out_indices=indices)
+        self.channels: list[int] = trunk.feature_info.channels()
         if extra_channels:
-            self.trunk.conv1 = widen_input(self.trunk.conv1, extra_channels)
+            trunk.conv1 = widen_input(trunk.conv1, extra_channels)
+        self.trunk = trunk
 
     def forward(self, images: Float[Tensor, "m c h w"]) -> list[Tensor]:
         features: list[Tensor] = self.trunk(images)

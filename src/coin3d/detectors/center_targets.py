@@ -42,7 +42,7 @@ def gaussian_radius(length_cells: float, width_cells: float, min_overlap: float)
         (4 * min_overlap, -2 * min_overlap * s, (min_overlap - 1) * p),
     ]
     # the released heads all use (b + sqrt(b^2 - 4ac)) / 2, not divided by a: kept, because it sets the peak's width
-    return min((b + np.sqrt(b * b - 4 * a * c)) / 2 for a, b, c in cases)
+    return float(min((b + np.sqrt(b * b - 4 * a * c)) / 2 for a, b, c in cases))
 
 
 def center_targets(

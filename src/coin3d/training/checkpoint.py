@@ -83,7 +83,7 @@ def load_checkpoint(path: Path) -> tuple[BEVDepth, dict[str, Any]]:
         if d[key] not in known:
             raise ValueError(f"{path}: made with the {key} '{d[key]}', known are {', '.join(known)}")
     config = from_plain(DETECTORS[d["detector"]][0], {**d["config"], "pretrained": False})
-    options = from_plain(METHODS[d["method"]][0], d["options"])
+    options: Any = from_plain(METHODS[d["method"]][0], d["options"])
     model = build_detector(d["detector"], config, tuple(d["classes"]), d["method"], options)
     load_weights(model, path)
     return model.eval(), d

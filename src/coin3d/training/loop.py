@@ -55,7 +55,7 @@ def fit(
         ValueError: the state in ``out`` belongs to another model, or a loss stops being finite.
     """
     out.mkdir(parents=True, exist_ok=True)
-    model = model.to(device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    model = model.to(device).to(memory_format=torch.channels_last)
     optimizer = torch.optim.AdamW(model.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay)
     average = WeightAverage(model, options.ema_decay)
     start = _restore(out / STATE_FILE, model, optimizer, average, progress)
@@ -103,7 +103,7 @@ def _step(
         found = ", ".join(f"{name} {float(value.detach()):g}" for name, value in losses.items())
         raise ValueError(f"step {step}: the loss is not finite ({found}); lower the learning rate")
     optimizer.zero_grad(set_to_none=True)
-    total.backward()
+    torch.autograd.backward([total])
     norm = torch.nn.utils.clip_grad_norm_(model.parameters(), options.clip_norm)
     optimizer.step()
     average.update(model, step)
