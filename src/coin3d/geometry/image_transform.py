@@ -50,9 +50,7 @@ class ImageTransform:
         return np.asarray(cv2.warpAffine(out, matrix, (self.width_px, self.height_px), flags=cv2.INTER_LINEAR))
 
 
-def _shifted(
-    image: UInt8[np.ndarray, "h w 3"], du: int, dv: int, width_px: int, height_px: int
-) -> UInt8[np.ndarray, "H W 3"]:
+def _shifted(image: UInt8[np.ndarray, "h w 3"], du: int, dv: int, width_px: int, height_px: int) -> UInt8[np.ndarray, "H W 3"]:
     out = np.zeros((height_px, width_px, 3), dtype=np.uint8)
     u0, v0 = max(du, 0), max(dv, 0)
     u1, v1 = min(du + image.shape[1], width_px), min(dv + image.shape[0], height_px)

@@ -136,9 +136,7 @@ def _cam_axes() -> Float[np.ndarray, "3 3"]:
     return np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
-def camera_pose(
-    position_m: ArrayLike, yaw_rad: float = 0.0, pitch_rad: float = 0.0, roll_rad: float = 0.0
-) -> Pose:
+def camera_pose(position_m: ArrayLike, yaw_rad: float = 0.0, pitch_rad: float = 0.0, roll_rad: float = 0.0) -> Pose:
     """``ego_from_cam`` of a camera mounted at ``position_m`` (ego x forward, y left, z up).
 
     Yaw 0 looks forward and turns left; positive pitch looks down; positive roll tilts the camera to its right.
