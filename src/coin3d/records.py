@@ -54,9 +54,12 @@ def _value(hint: Any, value: Any, where: str) -> Any:
     if origin in (typing.Union, types.UnionType):
         kinds = [a for a in args if a is not type(None)]
         return value if value is None or len(kinds) != 1 else _value(kinds[0], value, where)
+    if origin is typing.Literal and value not in args:
+        raise ValueError(f"{where} is one of {', '.join(map(repr, args))}, got {value!r}")
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
-    if hint in (int, float, str, bool) and not isinstance(value, hint):
+    wrong_bool = isinstance(value, bool) and hint is not bool  # to Python a bool is an int
+    if hint in (int, float, str, bool) and (wrong_bool or not isinstance(value, hint)):
         raise ValueError(f"{where} is of kind {hint.__name__}, got {value!r}")
     return value
 
@@ -66,10 +69,13 @@ def write_bytes(path: Path, content: bytes) -> None:
     partial = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content)
-        partial.replace(path)
+        try:
+            partial.write_bytes(content)
+            partial.replace(path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise OSError(f"{path}: cannot be written ({error.strerror or error}); nothing was changed") from error
 
 

@@ -39,7 +39,7 @@ class _NativeBevPool(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, depth: Tensor, context: Tensor, cell: Tensor, num_cells: int) -> Tensor:
         depth, context, cell = depth.contiguous(), context.contiguous(), cell.contiguous()
-        bev = torch.empty(num_cells, context.shape[1])
+        bev = context.new_empty(num_cells, context.shape[1])
         bev_pool_forward(depth.detach().numpy(), context.detach().numpy(), cell.numpy(), bev.numpy(), torch.get_num_threads())
         ctx.save_for_backward(depth, context, cell)
         return bev

@@ -6,7 +6,6 @@ Layer by layer as spec official_code 1.2-1.6. The method of transfer enters thro
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -171,11 +170,17 @@ class BEVDepth(nn.Module):
         """Weighted losses by name; their sum is what is minimised."""
         if batch.depth_m is None:
             raise ValueError("training needs LiDAR depth: this batch has none (was the recording made without LiDAR?)")
+        if len(batch.boxes) != batch.num_samples:
+            raise ValueError(f"training needs boxes: {len(batch.boxes)} tables of them for {batch.num_samples} samples")
+        if len(batch.images) < 2:
+            raise ValueError("training needs two images or more per step, for batch norm; take more cameras or samples")
+        config, device = self.config, batch.images.device
         outputs = self(batch)
         depth_logits = outputs.pop("depth_logits")
-        targets = center_targets(batch.boxes, self.classes, self.config.grid, min_radius_cells=self.config.min_radius_cells)
-        losses = center_losses(outputs, targets)
-        losses["depth"] = depth_loss(depth_logits, batch.depth_m, self.config.bins, self.config.strides[0])
+        targets = center_targets(batch.boxes, self.classes, config.grid, min_radius_cells=config.min_radius_cells)
+        with torch.autocast(device.type, enabled=False):  # CUDA refuses this cross-entropy in half precision
+            losses = center_losses(outputs, targets.to(device))
+            losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.strides[0])
         return losses
 
     @torch.no_grad()
@@ -183,10 +188,6 @@ class BEVDepth(nn.Module):
         """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
         outputs = self(batch)
         return decode_centers(outputs, self.classes, self.config.grid, self.config.decode)
-
-    def extra_state(self) -> dict[str, Any]:
-        """What, beside the weights, a checkpoint needs to build this detector again."""
-        return {"detector": self.name, "config": self.config, "classes": self.classes}
 
 
 def depth_loss(

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from coin3d.detectors.center_head import REGRESSIONS
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.geometry import Boxes3D
 
@@ -31,6 +32,9 @@ class CenterTargets:
     sample: Int[Tensor, "n"]
     cell: Int[Tensor, "n"]
     values: Float[Tensor, "n 8"]
+
+    def to(self, device: torch.device | str) -> CenterTargets:
+        return CenterTargets(*(t.to(device) for t in (self.heatmap, self.sample, self.cell, self.values)))
 
 
 def gaussian_radius(length_cells: float, width_cells: float, min_overlap: float) -> float:
@@ -108,11 +112,9 @@ def center_losses(
     """Focal loss of the heat map and an L1 loss per regression, each averaged over its objects."""
     losses = {"heatmap": heatmap_weight * focal_loss(outputs["heatmap"], targets.heatmap)}
     start = 0
-    for name, predicted in outputs.items():
-        if name == "heatmap":
-            continue
-        wanted = targets.values[:, start : start + predicted.shape[1]]
-        start += predicted.shape[1]
-        at_objects = predicted.flatten(2)[targets.sample, :, targets.cell]
+    for name, channels in REGRESSIONS.items():
+        wanted = targets.values[:, start : start + channels]
+        start += channels
+        at_objects = outputs[name].flatten(2)[targets.sample, :, targets.cell]
         losses[name] = box_weight * (at_objects - wanted).abs().sum() / (len(wanted) + 1e-4)
     return losses

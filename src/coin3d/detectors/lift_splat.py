@@ -99,9 +99,10 @@ class LiftSplat:
         )
         pixels = torch.stack([u, v, torch.ones_like(u)], dim=-1)
         bev_from_ego_cam = bev_from_ego[sample_index]
-        direction_from_pixel = bev_from_ego_cam @ cameras.ego_from_cam[:, :3, :3] @ torch.linalg.inv(cameras.K)
-        direction = torch.einsum("mij,hwj->mhwi", direction_from_pixel, pixels)
-        origin = torch.einsum("mij,mj->mi", bev_from_ego_cam, cameras.ego_from_cam[:, :3, 3])
+        with torch.autocast(device.type, enabled=False):  # matrix products in bfloat16 would move points by metres
+            direction_from_pixel = bev_from_ego_cam @ cameras.ego_from_cam[:, :3, :3] @ torch.linalg.inv(cameras.K)
+            direction = torch.einsum("mij,hwj->mhwi", direction_from_pixel, pixels)
+            origin = torch.einsum("mij,mj->mi", bev_from_ego_cam, cameras.ego_from_cam[:, :3, 3])
         points = origin[:, None, None, None] + direction[:, :, :, None] * self.bins.centres_m(device)[:, None]
         grid = self.grid
         column = torch.floor((points[..., 0] + grid.half_extent_m) / grid.cell_m)

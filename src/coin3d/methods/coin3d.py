@@ -65,6 +65,8 @@ class CoIn3D(Method):
         return layer.out_channels
 
     def prepare(self, cameras: CameraTensors) -> CameraTensors:
+        if self.training:
+            self._priors.clear()  # augmented cameras never come back, and their maps are large
         return cameras
 
     def image(self, images: Float[Tensor, "m 3 h w"], context: CameraTensors) -> Float[Tensor, "m c h w"]:

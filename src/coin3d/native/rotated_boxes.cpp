@@ -64,8 +64,8 @@ double rotated_iou(const double* a, const double* b) {
   Polygon overlap = corners(a0);
   const Polygon window = corners(b0);
   for (int i = 0; i < 4 && overlap.size; ++i) overlap = clip(overlap, window.vertex[i], window.vertex[(i + 1) % 4]);
-  const double common = area(overlap);
-  return common / (a[2] * a[3] + b[2] * b[3] - common);
+  const double common = area(overlap), together = a[2] * a[3] + b[2] * b[3] - common;
+  return together > 0 ? common / together : 0;  // boxes without area overlap nothing
 }
 
 std::vector<int64_t> rotated_nms(const double* boxes, const int64_t* order, int64_t n, double iou_threshold) {

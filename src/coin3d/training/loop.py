@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import pickle
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -105,6 +106,8 @@ def _step(
     optimizer.zero_grad(set_to_none=True)
     torch.autograd.backward([total])
     norm = torch.nn.utils.clip_grad_norm_(model.parameters(), options.clip_norm)
+    if not torch.isfinite(norm):  # stop before the weights, and then the saved state, take it in
+        raise ValueError(f"step {step}: the gradient is not finite; lower the learning rate")
     optimizer.step()
     average.update(model, step)
     seconds = time.monotonic() - began
@@ -149,7 +152,10 @@ def _restore(
 ) -> int:
     if not path.is_file():
         return 0
-    state = torch.load(path, weights_only=True, map_location="cpu")
+    try:
+        state = torch.load(path, weights_only=True, map_location="cpu")
+    except (RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        raise ValueError(f"{path}: not a complete training state ({error}); delete it to start again") from error
     try:
         model.load_state_dict(state["model"])
     except RuntimeError as error:
@@ -162,5 +168,6 @@ def _restore(
 
 def _drop_log_after(path: Path, step: int) -> None:
     if path.is_file():
-        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line and json.loads(line)["step"] < step]
-        write_bytes(path, "".join(line + "\n" for line in lines).encode())
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        whole = [line for line in lines if line.endswith("\n")]  # a run that was killed may leave half a line
+        write_bytes(path, "".join(line for line in whole if json.loads(line)["step"] < step).encode())
