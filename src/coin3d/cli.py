@@ -1,0 +1,97 @@
+"""The command line: a dict of verbs, each a typed function whose docstring is its help."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+
+import tyro
+
+from coin3d.commands.check import check
+from coin3d.commands.demo import demo
+from coin3d.commands.detect import detect
+from coin3d.commands.evaluate import evaluate
+from coin3d.commands.rig import rig
+from coin3d.commands.town import town
+from coin3d.commands.train import train
+
+VERBS: dict[str, Callable[..., None]] = {
+    "demo": demo,
+    "check": check,
+    "rig": rig,
+    "detect": detect,
+    "town": town,
+    "train": train,
+    "evaluate": evaluate,
+}
+"""Verb -> function; the signature is the command line, the docstring its help."""
+
+TUTORIAL = """\
+CoIn3D: multi-camera 3D object detection that transfers to camera rigs it was never trained on.
+
+usage: coin3d VERB ... --out DIR        every verb writes DIR/result.json and says where its pictures are
+       coin3d VERB --help               what a verb takes, with examples to copy
+
+{verbs}
+
+See it work (a few minutes on two cores, no download):
+  coin3d demo --out out/demo                        open out/demo/report.html
+
+Your own cameras: describe them in rig.yaml beside the images (docs/your_rig.md), look, then detect:
+  coin3d check recordings/van --out out/check       rings on the ground must lie on the road
+  coin3d rig recordings/van --other nuscenes --out out/rigs
+  coin3d detect town-coin3d recordings/van --out out/boxes
+                                                    the shipped weights know only the town, no real street
+
+Train on one rig, evaluate on another:
+  coin3d town --out data/train --rig nuscenes --scenes 60
+  coin3d town --out data/val --rig waymo --scenes 10 --first-seed 5000
+  coin3d train data/train --out runs/coin3d
+  coin3d evaluate runs/coin3d/model.safetensors data/val --out out/score
+
+A wrong file or value ends in one line and exit code 2; COIN3D_DEBUG=1 shows the traceback.
+"""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run a verb; returns the exit code."""
+    args = list(sys.argv[1:] if args is None else args)
+    if not args or args[0] in ("-h", "--help", "help"):
+        print(TUTORIAL.format(verbs="\n".join(f"  {name:<10}{_summary(verb)}" for name, verb in VERBS.items())), end="")
+        return 0 if args else 2
+    name, *rest = args
+    if name == "--version":
+        from importlib.metadata import version
+
+        print(f"coin3d {version('coin3d')}")
+        return 0
+    if name not in VERBS:
+        near = difflib.get_close_matches(name, VERBS, 1)
+        hint = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(VERBS)}"
+        return _fail(f"no verb '{name}'{hint}")
+    try:
+        tyro.cli(VERBS[name], args=rest, prog=f"coin3d {name}")
+    except (ValueError, OSError, ImportError) as error:
+        if os.environ.get("COIN3D_DEBUG"):
+            traceback.print_exc()
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        print("interrupted; train, town and demo continue where they stopped when called again", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _summary(verb: Callable[..., None]) -> str:
+    return (verb.__doc__ or "").strip().partition("\n")[0]
+
+
+def _fail(message: str) -> int:
+    print(f"coin3d: error: {' '.join(message.split())}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

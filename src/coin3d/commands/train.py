@@ -1,0 +1,172 @@
+"""``coin3d train``: from recordings with labels and LiDAR to a checkpoint."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from coin3d.commands.evaluate import ClassChoice, class_map_for
+from coin3d.commands.outcome import finish
+
+if TYPE_CHECKING:
+    from coin3d.methods import CoIn3DOptions
+    from coin3d.training.options import TrainOptions
+
+_PRESET = "(default: the preset's)"
+_Count = Annotated[int | None, arg(metavar="N", help_behavior_hint=_PRESET)]
+_Rate = Annotated[float | None, arg(metavar="X", help_behavior_hint=_PRESET)]
+
+PriorName = Literal["IF", "GD", "GG", "PR"]
+PRIOR_FIELDS = {"IF": "inverse_focal", "GD": "ground_depth", "GG": "ground_gradient", "PR": "pluecker"}
+
+
+@dataclass(frozen=True)
+class Optimisation:
+    """How long and how fast; what is not given comes from the preset.
+
+    Args:
+        steps: optimiser steps.
+        batch_size: frames per step.
+        learning_rate: peak learning rate.
+        cameras_per_sample: train on this many randomly chosen cameras of each frame; 0 means all.
+        precision: number format of the forward pass; bfloat16 pays where the hardware has it.
+        workers: loader processes.
+        save_every: steps between resumable states.
+    """
+
+    steps: _Count = None
+    batch_size: _Count = None
+    learning_rate: _Rate = None
+    cameras_per_sample: _Count = None
+    precision: Annotated[Literal["float32", "bfloat16"] | None, arg(help_behavior_hint=_PRESET)] = None
+    workers: _Count = None
+    save_every: _Count = None
+
+    def applied_to(self, preset: TrainOptions, seed: int) -> TrainOptions:
+        """The preset with what was given put in its place."""
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        if "cameras_per_sample" in given:
+            given["augment"] = replace(preset.augment, cameras_per_sample=given.pop("cameras_per_sample"))
+        return replace(preset, seed=seed, **given)
+
+
+@dataclass(frozen=True)
+class CoIn3DFlags:
+    """Only with --method coin3d; the defaults are the paper's method without novel-view augmentation.
+
+    Args:
+        focal_augmentation: zoom training images by 0.7 to 1.4, K follows.
+        placement: released: modulate backbone levels and neck, as the released code does; paper: the neck only.
+        projector: convolutions that embed the priors.
+        priors: which prior maps: inverse focal, ground depth, ground gradient, Pluecker rays.
+        modulate: no: only concatenate the maps.
+    """
+
+    focal_augmentation: bool = True
+    placement: Literal["released", "paper"] = "released"
+    projector: Literal["conv1", "conv1+conv1", "conv3", "conv3+conv3"] = "conv3"
+    priors: tuple[PriorName, ...] = ("IF", "GD", "GG", "PR")
+    modulate: bool = True
+
+    def options(self, width_px: int) -> CoIn3DOptions:
+        """The method's own options, for a network input of that width."""
+        from coin3d.methods import CoIn3DOptions
+        from coin3d.priors import PriorOptions, PriorSet
+
+        if not self.priors:
+            raise ValueError("--priors needs at least one of IF, GD, GG, PR; without any, take --method none")
+        return CoIn3DOptions(
+            placement=self.placement,
+            priors=PriorSet(**{field: name in self.priors for name, field in PRIOR_FIELDS.items()}),
+            projector=self.projector,
+            modulate=self.modulate,
+            focal_augmentation=self.focal_augmentation,
+            maps=PriorOptions().resolved(width_px),
+        )
+
+
+def train(
+    data: Annotated[Positional[tuple[Path, ...]], arg(metavar="RECORDING", help_behavior_hint="")],
+    out: Path,
+    method: Literal["none", "direct", "coin3d"] = "coin3d",
+    preset: Literal["tiny", "small", "paper"] = "tiny",
+    detector: Literal["bevdepth"] = "bevdepth",
+    classes: ClassChoice = "merged-car",
+    init: Annotated[Path | None, arg(metavar="CHECKPOINT", help_behavior_hint="(default: random weights)")] = None,
+    pretrained: bool = False,
+    seed: int = 0,
+    device: str = "auto",
+    optimisation: OmitArgPrefixes[Optimisation] = Optimisation(),
+    coin3d: OmitArgPrefixes[CoIn3DFlags] = CoIn3DFlags(),
+) -> None:
+    """Train a detector on one or more recordings with labels and LiDAR.
+
+    The folder gets model.safetensors (the checkpoint), run.json (everything needed to repeat the run), log.jsonl and
+    curves.png. The same command again continues an interrupted run where it stopped.
+
+    Try:
+      coin3d town --out data/train --rig nuscenes --scenes 60
+      coin3d train data/train --out runs/coin3d
+      coin3d train data/train --out runs/direct --method direct
+      coin3d train recordings/mine --out runs/mine --init runs/coin3d/model.safetensors --steps 300
+      coin3d evaluate runs/coin3d/model.safetensors data/val --out out/score
+
+    Args:
+        data: folders of recordings in nuScenes format; several are mixed frame by frame.
+        out: folder of the run.
+        method: none: the plain detector; direct: with its own camera-aware gate; coin3d: spatial-aware modulation.
+        preset: tiny: minutes on two CPU cores; small: one modest GPU; paper: ResNet-50 at 704 x 384, several GPUs.
+        detector: the detector.
+        classes: which names count as which class (docs/datasets.md).
+        init: start from the weights of this checkpoint (same detector, preset and method), to fine-tune.
+        pretrained: start the backbone from ImageNet weights, which are downloaded.
+        seed: of weights, data order and augmentation.
+        device: auto, cpu, cuda, cuda:1 ...
+    """
+    from coin3d.detectors import DETECTORS
+    from coin3d.inference import checkpoint_path, resolve_device
+    from coin3d.methods import METHODS
+    from coin3d.training.loop import LOG_FILE
+    from coin3d.training.options import TrainOptions
+    from coin3d.training.train import train as run
+
+    if not data:
+        raise ValueError("name at least one recording to train on: coin3d train FOLDER --out RUN")
+    if method != "coin3d" and coin3d != CoIn3DFlags():
+        changed = [name for name, value in vars(coin3d).items() if value != getattr(CoIn3DFlags(), name)]
+        raise ValueError(f"--method {method} has no {', '.join(changed)}: these belong to --method coin3d")
+    config = replace(getattr(DETECTORS[detector][0], preset)(), pretrained=pretrained)
+    options = optimisation.applied_to(getattr(TrainOptions, preset)(), seed)
+    method_options: Any = coin3d.options(config.image_width_px) if method == "coin3d" else METHODS[method][0]()
+    began = time.monotonic()
+    weights = run(
+        data,
+        out,
+        detector=detector,
+        config=config,
+        method=method,
+        method_options=method_options,
+        class_map=class_map_for(classes),
+        options=options,
+        init=None if init is None else checkpoint_path(init),
+        device=resolve_device(device),
+    )
+    last = json.loads((out / LOG_FILE).read_text(encoding="utf-8").splitlines()[-1])
+    result = {
+        "checkpoint": str(weights),
+        "data": [str(path) for path in data],
+        "detector": detector,
+        "method": method,
+        "preset": preset,
+        "classes": classes,
+        "steps": options.steps,
+        "seconds": round(time.monotonic() - began, 1),
+        "last_losses": last["losses"],
+    }
+    print(f"weights: {weights}")
+    finish(out, result, [out / "curves.png"])
