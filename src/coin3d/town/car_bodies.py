@@ -58,12 +58,12 @@ HATCHBACK = CarShape(
 )
 SEDAN = CarShape(
     (
-        (-0.50, 0.50, 0.58, 0.40, "B"), (-0.485, 0.60, 0.685, 0.41, "B"), (-0.35, 0.615, 0.70, 0.40, "R"),
-        (-0.205, 0.62, 0.955, 0.335, "P"), (-0.17, 0.62, 0.98, 0.34, "W"), (-0.02, 0.62, 1.00, 0.35, "P"),
-        (0.0, 0.62, 1.00, 0.35, "W"), (0.09, 0.61, 0.975, 0.34, "S"), (0.255, 0.60, 0.66, 0.41, "B"),
-        (0.45, 0.50, 0.575, 0.39, "B"), (0.50, 0.42, 0.48, 0.35, "B"),
+        (-0.50, 0.54, 0.63, 0.40, "B"), (-0.487, 0.635, 0.735, 0.41, "B"), (-0.37, 0.645, 0.75, 0.40, "R"),
+        (-0.225, 0.645, 0.955, 0.335, "P"), (-0.19, 0.64, 0.98, 0.34, "W"), (-0.05, 0.635, 1.00, 0.35, "P"),
+        (-0.03, 0.635, 1.00, 0.35, "W"), (0.05, 0.63, 0.975, 0.34, "S"), (0.22, 0.60, 0.655, 0.41, "B"),
+        (0.44, 0.48, 0.55, 0.39, "B"), (0.50, 0.40, 0.455, 0.35, "B"),
     ),
-    (4.45, 4.95), (1.77, 1.90), (1.41, 1.50), 0.13, 0.325, (-0.29, 0.31), (0.50, 0.63), (0.42, 0.50),
+    (4.45, 4.95), (1.77, 1.90), (1.41, 1.50), 0.13, 0.325, (-0.29, 0.31), (0.53, 0.67), (0.395, 0.475),
 )
 ESTATE = CarShape(
     (
@@ -137,13 +137,16 @@ def wheel(x_m: float, y_outer_m: float, radius_m: float, width_m: float = 0.22) 
     return Mesh.merge([tyre, arch, cylinder(*rim, radius_m * 0.6, HUB, sides=8)])
 
 
+def _half_width(x: float, width_m: float) -> float:
+    """Half the width at a fraction of the length: the plan view narrows towards both ends."""
+    return (width_m / 2 - 0.02) * (1.0 - 0.9 * max(0.0, abs(x) - 0.40) ** 1.2)
+
+
 def _skin(shape: CarShape, length: float, width: float, height: float, paint: Float[np.ndarray, "3"]) -> Mesh:
-    side = width / 2 - 0.02
     rings = []
     for x, belt, top, top_half, _ in shape.sections:
-        # the plan view narrows towards both ends
-        pinch = 1.0 - 0.9 * max(0.0, abs(x) - 0.40) ** 1.2
-        half = side * pinch
+        half = _half_width(x, width)
+        pinch = half / _half_width(0.0, width)
         zs = np.array([shape.floor, min(0.36, belt - 0.05), belt, belt + 0.80 * (top - belt), top]) * height
         ys = np.array([0.92 * half, half, 0.965 * half, 0, top_half * width * pinch])
         ys[3] = ys[4] + 0.25 * (ys[2] - ys[4]) + 0.012
@@ -190,9 +193,9 @@ def _front_details(shape: CarShape, length: float, width: float, height: float, 
     for side in (-1.0, 1.0):
         y = sorted((side * 0.26 * width, side * 0.40 * width))
         parts.append(panel(x + 0.004, (y[0], y[1]), (low, high), HEADLIGHT, True, Material.LAMP))
-        outer = side * 0.43 * width
-        corner = [(x - 0.01, side * 0.40 * width, low), (x - 0.20, outer + side * 0.02 * width, low + 0.02),
-                  (x - 0.26, outer + side * 0.02 * width, high + 0.01), (x - 0.01, side * 0.40 * width, high)]
+        edge, back = side * 0.40 * width, 0.24
+        outer = side * (_half_width(0.5 - back / length, width) + 0.016)
+        corner = [(x, edge, low), (x - back, outer, low + 0.02), (x - back - 0.05, outer * 0.99, high + 0.02), (x, edge, high)]
         parts.append(quad(corner if side > 0 else corner[::-1], HEADLIGHT, Material.LAMP))
     return parts
 
@@ -202,9 +205,10 @@ def _rear_details(shape: CarShape, length: float, width: float, height: float, p
     parts = [panel(x, (-0.36 * width, 0.36 * width), (shape.floor * height, shape.floor * height + 0.18), TRIM, False)]
     parts.append(panel(x - 0.008, (-0.26, 0.26), (low - 0.13, low - 0.02), plate, False))
     for side in (-1.0, 1.0):
-        y = sorted((side * 0.30 * width, side * 0.425 * width))
+        edge, ahead = side * 0.44 * width, 0.16
+        y = sorted((side * 0.30 * width, edge))
         parts.append(panel(x - 0.004, (y[0], y[1]), (low, high), TAILLIGHT, False, Material.LAMP))
-        corner = [(x + 0.005, side * 0.425 * width, low), (x + 0.20, side * 0.485 * width, low),
-                  (x + 0.20, side * 0.485 * width, high), (x + 0.005, side * 0.425 * width, high)]
+        outer = side * (_half_width(0.5 - ahead / length, width) + 0.016)
+        corner = [(x, edge, low), (x + ahead, outer, low + 0.01), (x + ahead, outer * 0.985, high - 0.01), (x, edge, high)]
         parts.append(quad(corner[::-1] if side > 0 else corner, TAILLIGHT, Material.LAMP))
     return parts

@@ -77,8 +77,10 @@ def random_pedestrian(rng: np.random.Generator, walking: bool) -> Body:
     height = rng.uniform(1.52, 1.92)
     size = np.round(np.array([0.46 * height if walking else 0.26 * height, 0.36 * height, height]), 3)
     look = (_cloth(rng), _cloth(rng), _SKINS[rng.integers(4)], _HAIRS[rng.integers(4)])
-    gait = _GAIT if walking else (0.15,)
-    return Body("human.pedestrian.adult", size, tuple(pedestrian(size, swing, *look) for swing in gait), 0.2)
+    if not walking:
+        return Body("human.pedestrian.adult", size, (pedestrian(size, 0.15, *look),), 0.2)
+    postures = {swing: pedestrian(size, swing, *look) for swing in set(_GAIT)}
+    return Body("human.pedestrian.adult", size, tuple(postures[swing] for swing in _GAIT), 0.2)
 
 
 def random_cyclist(rng: np.random.Generator) -> Body:

@@ -111,17 +111,13 @@ def paint_plan(layout: Layout, rng: np.random.Generator) -> GroundPlan:
     tar = np.full(3, rng.uniform(0.07, 0.17)) * np.array([1.0, 1.0, rng.uniform(0.98, 1.06)])
     image = np.empty((canvas.size, canvas.size, 3), dtype=np.uint8)
     image[:] = _code(grass)
-    _stain(image, rng, 14)
-    for mask, colour, strength in ((pavement, tile, 8), (asphalt, tar, 9)):
-        layer = np.empty_like(image)
-        layer[:] = _code(colour)
-        _stain(layer, rng, strength)
-        image = _over(image, layer, mask)
+    _blend(image, pavement, tile)
+    _blend(image, asphalt, tar)
+    _stain(image, rng, 10)
     worn = rng.uniform(0.65, 0.95)
-    for mask, colour in ((white, (0.72, 0.72, 0.70)), (yellow, (0.75, 0.48, 0.06))):
-        layer = np.empty_like(image)
-        layer[:] = _code(np.array(colour))
-        image = _over(image, layer, (cv2.bitwise_and(mask, asphalt) * worn).astype(np.uint8))
+    _blend(image, (cv2.bitwise_and(white, asphalt) * worn).astype(np.uint8), np.array([0.72, 0.72, 0.70]))
+    if yellow_centre:
+        _blend(image, (cv2.bitwise_and(yellow, asphalt) * worn).astype(np.uint8), np.array([0.75, 0.48, 0.06]))
     levels = [image]
     while len(levels) < 6:
         half = levels[-1].shape[0] // 2
@@ -135,10 +131,12 @@ def _code(reflectance: Float[np.ndarray, "3"]) -> UInt8[np.ndarray, "3"]:
     return np.round(255 * np.sqrt(np.clip(reflectance, 0, 1))).astype(np.uint8)
 
 
-def _over(below: UInt8[np.ndarray, "s s 3"], layer: UInt8[np.ndarray, "s s 3"], mask: UInt8[np.ndarray, "s s"]) -> UInt8[np.ndarray, "s s 3"]:
-    """``layer`` where the mask is 255, ``below`` where it is 0, blended between; 8 bit, because the plan is large."""
-    weight = cv2.merge([mask] * 3)
-    return cv2.add(cv2.multiply(layer, weight, scale=1 / 255), cv2.multiply(below, 255 - weight, scale=1 / 255))
+def _blend(image: UInt8[np.ndarray, "s s 3"], mask: UInt8[np.ndarray, "s s"], reflectance: Float[np.ndarray, "3"]) -> None:
+    """Paint a colour in place, as strongly as the mask says; only touched cells are computed, because the plan is large."""
+    at = np.flatnonzero(mask)
+    weight = mask.ravel()[at].astype(np.uint16)[:, None]
+    flat = image.reshape(-1, 3)
+    flat[at] = (_code(reflectance) * weight + flat[at] * (255 - weight) + 127) // 255
 
 
 def _stain(image: UInt8[np.ndarray, "s s 3"], rng: np.random.Generator, strength: float) -> None:

@@ -13,9 +13,9 @@ from coin3d.geometry import Boxes3D, Pinhole, Pose, Rig
 from coin3d.town.camera_image import View, render_camera
 from coin3d.town.lidar import SpinningLidar
 from coin3d.town.nuscenes_writer import (
+    TABLES,
     Row,
     Rows,
-    TABLES,
     box_fields,
     chain,
     intrinsic_field,

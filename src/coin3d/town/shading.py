@@ -77,7 +77,7 @@ def shade(
     colour = moment.colour[face]
     ambient_share = np.ones(len(rows), dtype=np.float32)
     gloss = np.where(material == Material.PAINT, np.float32(0.05), np.float32(0))
-    gloss[material == Material.GLASS] = 0.10
+    gloss[material == Material.GLASS] = 0.06
 
     ground = np.flatnonzero(material == Material.GROUND)
     if len(ground):
@@ -92,10 +92,15 @@ def shade(
     leaf = np.flatnonzero(material == Material.FOLIAGE)
     if len(leaf):
         p = points[leaf]
-        fine = noise(p[:, 0] * 5 + p[:, 2] * 3, p[:, 1] * 5 - p[:, 2] * 4) - 0.5
-        fade = 1 / (1 + (footprint[leaf] / 0.25) ** 2)
-        colour[leaf] *= (1 + 1.3 * fine * fade)[:, None]
-        ambient_share[leaf] = 0.75 + 0.5 * fine * fade
+        # skewed axes, so that the lattice of the noise does not show
+        a, b, c = p[:, 0] + 0.7 * p[:, 2], p[:, 1] - 0.6 * p[:, 0], p[:, 2] + 0.5 * p[:, 1]
+        leaves = np.stack([noise(11 * a + 3 * b, 10 * c), noise(5 * b + 9, 5 * a), noise(9 * c + 2 * a, 12 * b)], -1)
+        fade = (1 / (1 + (footprint[leaf] / 0.12) ** 2))[:, None]
+        tilted = normal[leaf] + 1.7 * fade * (leaves - 0.5)
+        normal[leaf] = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+        gaps = fade[:, 0] * (leaves.sum(1) - 1.5)
+        colour[leaf] *= (1.35 + 0.9 * gaps)[:, None]
+        ambient_share[leaf] = 0.9 + 0.5 * gaps
 
     sun_direction = sky.sun_direction.astype(np.float32)
     towards_sun = normal @ sun_direction

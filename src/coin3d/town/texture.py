@@ -49,8 +49,8 @@ def ground_colour(plan: GroundPlan, xy: Float[np.ndarray, "n 2"], footprint_m: F
         at = cell[:, 1] * size + cell[:, 0]
         u, v = weight[:, :1], weight[:, 1:]
         colour[rows] = (flat[at] * (1 - u) + flat[at + 1] * u) * (1 - v) + (flat[at + size] * (1 - u) + flat[at + size + 1] * u) * v
-    grain = noise(xy[:, 0] * 9, xy[:, 1] * 9) - 0.5
-    colour *= (1 + 0.16 * grain / (1 + (footprint_m / 0.12) ** 2))[:, None]
+    grain = noise(xy[:, 0] * 23, xy[:, 1] * 23) - 0.5
+    colour *= (1 + 0.3 * grain / (1 + (footprint_m / 0.05) ** 2))[:, None]
     return (colour / 255) ** 2
 
 

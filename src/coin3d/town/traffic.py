@@ -11,10 +11,10 @@ from coin3d.town.actors import Actor, Travel, overlap
 from coin3d.town.catalogue import (
     Body,
     random_car,
+    random_cyclist,
     random_motorcycle,
     random_moving,
     random_parked_bicycle,
-    random_cyclist,
     random_pedestrian,
     random_truck,
 )
@@ -52,8 +52,8 @@ class Crowd:
     actors: list[Actor] = field(default_factory=list)
     tracks: list[tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, "t"], np.ndarray]] = field(default_factory=list)
 
-    def try_add(self, body: Body, path: Path, start_m: float, travel: Travel, attribute: str, margin_m: float = 0.35) -> bool:
-        """Add unless it would come closer than ``margin_m`` to anybody at any time."""
+    def try_add(self, body: Body, path: Path, start_m: float, travel: Travel, attribute: str, margin_m: float = 0.2, ahead_m: float = 0.0) -> bool:
+        """Add unless it would come closer than ``margin_m`` (and ``ahead_m`` more along its heading) to anybody at any time."""
         actor = Actor(
             f"actor-{len(self.actors):04d}", body.category, body.size_m, path, start_m, travel, body.postures,
             1.5, attribute, body.half_base_m,
@@ -61,7 +61,7 @@ class Crowd:
         if not 0 <= start_m <= path.length_m:
             return False
         xy, yaw = actor.pose(self.times_s)
-        size = body.size_m[:2] + margin_m
+        size = body.size_m[:2] + margin_m + np.array([ahead_m, 0.0])
         there = actor.present(self.times_s)
         if (overlap(xy, yaw, size, self.ego_xy, self.ego_yaw, EGO_SIZE_M + 0.3) & there).any():
             return False
@@ -127,8 +127,8 @@ def _stream(crowd: Crowd, path: Path, travel: Travel, gap_m: float, rng: np.rand
     s = start_m + rng.uniform(0, gap_m)
     while s < min(path.length_m, end_m) - 3:
         body = random_moving(rng)
-        crowd.try_add(body, path, s + body.size_m[0] / 2, travel, _moving_attribute(body), 0.3)
-        s += body.size_m[0] + 2.5 + rng.exponential(gap_m)
+        crowd.try_add(body, path, s + body.size_m[0] / 2, travel, _moving_attribute(body), 0.3, 5.0)
+        s += body.size_m[0] + 5.0 + rng.exponential(gap_m)
 
 
 def _moving_attribute(body: Body) -> str:
