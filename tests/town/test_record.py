@@ -31,9 +31,7 @@ def _table(out: Path, name: str) -> list[dict]:
 
 
 def _digest(out: Path) -> dict[str, str]:
-    return {
-        str(p.relative_to(out)): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(out.rglob("*")) if p.is_file()
-    }
+    return {str(p.relative_to(out)): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(out.rglob("*")) if p.is_file()}
 
 
 def test_same_bytes_again(recording: Path, two_cameras: Rig, tmp_path: Path) -> None:
@@ -49,8 +47,8 @@ def test_another_rig_sees_the_same_world(recording: Path, tmp_path: Path) -> Non
         assert a.world_from_ego.allclose(b.world_from_ego, atol=0)
         assert a.lidar is not None and b.lidar is not None and a.boxes_world is not None and b.boxes_world is not None
         np.testing.assert_array_equal(a.lidar.load().points_ego, b.lidar.load().points_ego)
-        ours = {n: c for n, c in zip(a.boxes_world.instance_ids, a.boxes_world.centre_m, strict=True)}
-        theirs = {n: c for n, c in zip(b.boxes_world.instance_ids, b.boxes_world.centre_m, strict=True)}
+        ours = dict(zip(a.boxes_world.instance_ids, a.boxes_world.centre_m, strict=True))
+        theirs = dict(zip(b.boxes_world.instance_ids, b.boxes_world.centre_m, strict=True))
         common = ours.keys() & theirs.keys()
         assert len(common) >= 5
         assert all(np.array_equal(ours[n], theirs[n]) for n in common)
@@ -85,7 +83,12 @@ def test_links_and_files(recording: Path) -> None:
     for instance in _table(recording, "instance"):
         first = annotations[instance["first_annotation_token"]]
         assert first["prev"] == "" and first["instance_token"] == instance["token"]
-    tokens = [row["token"] for name in ("sample", "sample_data", "ego_pose", "instance") for row in _table(recording, name) if name != "ego_pose"]
+    tokens = [
+        row["token"]
+        for name in ("sample", "sample_data", "ego_pose", "instance")
+        for row in _table(recording, name)
+        if name != "ego_pose"
+    ]
     assert len(tokens) == len(set(tokens))
 
 

@@ -51,11 +51,15 @@ def test_boxes_contain_their_pixels(moment: Moment, views, rig: Rig) -> None:
             c, s = np.cos(grown.yaw_rad[0]), np.sin(grown.yaw_rad[0])
             along, across = c * local[:, 0] + s * local[:, 1], -s * local[:, 0] + c * local[:, 1]
             half = grown.size_m[0] / 2 + 0.03
-            assert (np.abs(along) < half[0]).all() and (np.abs(across) < half[1]).all() and (np.abs(local[:, 2]) < half[2]).all()
+            assert (
+                (np.abs(along) < half[0]).all() and (np.abs(across) < half[1]).all() and (np.abs(local[:, 2]) < half[2]).all()
+            )
             corners, depth = camera.project(grown.corners()[0])
             if (depth > MIN_DEPTH_M).all():
                 hull = cv2.convexHull(corners.astype(np.float32))
-                assert all(cv2.pointPolygonTest(hull, (float(x) + 0.5, float(y) + 0.5), True) > -1.5 for x, y in zip(u, v, strict=True))
+                assert all(
+                    cv2.pointPolygonTest(hull, (float(x) + 0.5, float(y) + 0.5), True) > -1.5 for x, y in zip(u, v, strict=True)
+                )
             found += 1
     assert found >= 8
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coin3d.town import car_bodies, catalogue
-from coin3d.town.car_bodies import CarShape, car_body
+from coin3d.town import car_shapes, catalogue
+from coin3d.town.car_bodies import car_body
+from coin3d.town.car_shapes import CarShape
 from coin3d.town.mesh import Mesh
 from coin3d.town.raycast import face_normals
 
-SHAPES = {name: getattr(car_bodies, name) for name in ("HATCHBACK", "SEDAN", "ESTATE", "SUV", "PANEL_VAN", "MINIVAN", "PICKUP")}
+SHAPES = {name: getattr(car_shapes, name) for name in ("HATCHBACK", "SEDAN", "ESTATE", "SUV", "PANEL_VAN", "MINIVAN", "PICKUP")}
 
 
 def _body(shape: CarShape) -> tuple[Mesh, np.ndarray]:
@@ -54,8 +55,15 @@ def test_front_and_rear_silhouettes_differ(name: str) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_every_road_user_keeps_within_its_box(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    makers = (catalogue.random_truck, catalogue.random_bus, catalogue.random_cyclist, catalogue.random_parked_bicycle,
-              lambda r: catalogue.random_motorcycle(r, True), lambda r: catalogue.random_pedestrian(r, True), catalogue.random_car)
+    makers = (
+        catalogue.random_truck,
+        catalogue.random_bus,
+        catalogue.random_cyclist,
+        catalogue.random_parked_bicycle,
+        lambda r: catalogue.random_motorcycle(r, True),
+        lambda r: catalogue.random_pedestrian(r, True),
+        catalogue.random_car,
+    )
     for make in makers:
         body = make(rng)
         for mesh in body.postures:
@@ -67,7 +75,7 @@ def test_every_road_user_keeps_within_its_box(seed: int) -> None:
 
 
 def test_skin_faces_outwards() -> None:
-    mesh, size = _body(car_bodies.SEDAN)
+    mesh, size = _body(car_shapes.SEDAN)
     normals = face_normals(mesh)
     centre = mesh.vertices[mesh.faces].mean(1)
     roof = centre[:, 2] > 0.9 * size[2]

@@ -13,13 +13,13 @@ from coin3d.town.traffic import EGO_MIDDLE_M, EGO_SIZE_M
 VEHICLES = ("vehicle.car", "vehicle.truck", "vehicle.bus.rigid")
 
 
-def test_same_seed_same_world(world: World) -> None:
-    again, other = build_world(3), build_world(5, TownOptions(traffic=0.2, people=0.2))
+def test_same_seed_same_world(world: World, hilly: World) -> None:
+    again = build_world(3)
     np.testing.assert_array_equal(again.static.vertices, world.static.vertices)
     np.testing.assert_array_equal(again.plan.levels[0], world.plan.levels[0])
     np.testing.assert_array_equal(again.boxes(7.3).centre_m, world.boxes(7.3).centre_m)
     np.testing.assert_array_equal(again.moving_mesh(7.3)[0].vertices, world.moving_mesh(7.3)[0].vertices)
-    assert len(other.static.vertices) != len(world.static.vertices)
+    assert len(hilly.static.vertices) != len(world.static.vertices)
 
 
 @pytest.mark.parametrize("time_s", [0.0, 3.7, 11.0])
@@ -29,10 +29,17 @@ def test_nobody_touches_anybody(world: World, time_s: float) -> None:
     for i in range(len(boxes)):
         for j in range(i):
             near = np.linalg.norm(boxes.centre_m[i, :2] - boxes.centre_m[j, :2]) < 13
-            assert not near or not overlap(
-                boxes.centre_m[i : i + 1, :2], boxes.yaw_rad[i] * one, boxes.size_m[i, :2],
-                boxes.centre_m[j : j + 1, :2], boxes.yaw_rad[j] * one, boxes.size_m[j, :2],
-            ).any(), (boxes.instance_ids[i], boxes.instance_ids[j])
+            assert (
+                not near
+                or not overlap(
+                    boxes.centre_m[i : i + 1, :2],
+                    boxes.yaw_rad[i] * one,
+                    boxes.size_m[i, :2],
+                    boxes.centre_m[j : j + 1, :2],
+                    boxes.yaw_rad[j] * one,
+                    boxes.size_m[j, :2],
+                ).any()
+            ), (boxes.instance_ids[i], boxes.instance_ids[j])
 
 
 def test_nobody_touches_the_ego(world: World) -> None:
@@ -43,7 +50,12 @@ def test_nobody_touches_the_ego(world: World) -> None:
         boxes = world.boxes(time_s)
         for i in range(len(boxes)):
             assert not overlap(
-                ego.centre_m[:, :2], ego.yaw_rad, EGO_SIZE_M, boxes.centre_m[i : i + 1, :2], boxes.yaw_rad[i : i + 1], boxes.size_m[i, :2]
+                ego.centre_m[:, :2],
+                ego.yaw_rad,
+                EGO_SIZE_M,
+                boxes.centre_m[i : i + 1, :2],
+                boxes.yaw_rad[i : i + 1],
+                boxes.size_m[i, :2],
             ).any()
 
 
@@ -86,7 +98,7 @@ def test_boxes_stand_on_hilly_ground(hilly: World) -> None:
 def test_velocity_is_that_of_the_motion(world: World) -> None:
     before, after = world.boxes(4.0), world.boxes(4.5)
     speed = np.linalg.norm(before.velocity_mps, axis=1)
-    moved = {n: c for n, c in zip(after.instance_ids, after.centre_m, strict=True)}
+    moved = dict(zip(after.instance_ids, after.centre_m, strict=True))
     for i, name in enumerate(before.instance_ids):
         if name in moved:
             assert np.linalg.norm(moved[name] - before.centre_m[i]) / 0.5 == pytest.approx(speed[i], abs=1.2)

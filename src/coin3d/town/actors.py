@@ -41,7 +41,7 @@ class Travel:
         braking = speed**2 / (2 * self.BRAKE_MPS2)
         begin = (self.stop_after_m - braking) / speed
         late = np.clip(t - begin, 0, speed / self.BRAKE_MPS2)
-        return speed * np.minimum(t, begin) + speed * late - self.BRAKE_MPS2 / 2 * late**2
+        return np.asarray(speed * np.minimum(t, begin) + speed * late - self.BRAKE_MPS2 / 2 * late**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +96,12 @@ class Actor:
 
 
 def overlap(
-    centre_a: Float[np.ndarray, "t 2"], yaw_a: Float[np.ndarray, "t"], size_a: Float[np.ndarray, "2"],
-    centre_b: Float[np.ndarray, "t 2"], yaw_b: Float[np.ndarray, "t"], size_b: Float[np.ndarray, "2"],
+    centre_a: Float[np.ndarray, "t 2"],
+    yaw_a: Float[np.ndarray, "t"],
+    size_a: Float[np.ndarray, "2"],
+    centre_b: Float[np.ndarray, "t 2"],
+    yaw_b: Float[np.ndarray, "t"],
+    size_b: Float[np.ndarray, "2"],
 ) -> np.ndarray:
     """At which times two rectangles (length, width) in the plane overlap, by separating axes."""
     offset = centre_b - centre_a
@@ -106,7 +110,9 @@ def overlap(
     apart = np.zeros(len(offset), dtype=bool)
     for axis in (axes_a[:, 0], axes_a[:, 1], axes_b[:, 0], axes_b[:, 1]):
         reach = sum(
-            np.abs((axes[:, k] * axis).sum(-1)) * size[k] / 2 for axes, size in ((axes_a, size_a), (axes_b, size_b)) for k in (0, 1)
+            np.abs((axes[:, k] * axis).sum(-1)) * size[k] / 2
+            for axes, size in ((axes_a, size_a), (axes_b, size_b))
+            for k in (0, 1)
         )
         apart |= np.abs((offset * axis).sum(-1)) > reach
     return ~apart

@@ -43,7 +43,17 @@ class Wall:
 
     def row(self) -> list[float]:
         """The columns the shader reads."""
-        return [*self.start, *self.direction, self.base_z, self.floor_m, self.bay_m, *self.window, self.shop, *self.trim, self.seed]
+        return [
+            *self.start,
+            *self.direction,
+            self.base_z,
+            self.floor_m,
+            self.bay_m,
+            *self.window,
+            self.shop,
+            *self.trim,
+            self.seed,
+        ]
 
 
 @dataclass
@@ -60,10 +70,8 @@ class Buildings:
     def overlaps(self, corners: Float[np.ndarray, "4 2"]) -> bool:
         """Separating axes against every footprint near by."""
         centre = corners.mean(0)
-        for other in self.footprints:
-            if np.abs(other.mean(0) - centre).max() < 60 and not _separated(corners, other):
-                return True
-        return False
+        near = (other for other in self.footprints if np.abs(other.mean(0) - centre).max() < 60)
+        return any(not _separated(corners, other) for other in near)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +108,16 @@ def build_buildings(layout: Layout, plan: GroundPlan, terrain: Terrain, rng: np.
     return built
 
 
-def _row(built: Buildings, road: Road, side: int, district: District, palette: Float[np.ndarray, "p 3"], plan: GroundPlan,
-         terrain: Terrain, rng: np.random.Generator) -> None:
+def _row(
+    built: Buildings,
+    road: Road,
+    side: int,
+    district: District,
+    palette: Float[np.ndarray, "p 3"],
+    plan: GroundPlan,
+    terrain: Terrain,
+    rng: np.random.Generator,
+) -> None:
     s = rng.uniform(0, 5)
     while s < road.centre.length_m - 6:
         width = rng.uniform(*district.width_m)
@@ -126,8 +142,15 @@ def _row(built: Buildings, road: Road, side: int, district: District, palette: F
         _building(built, corners, storeys, district, palette, terrain, rng)
 
 
-def _building(built: Buildings, corners: Float[np.ndarray, "4 2"], storeys: int, district: District,
-              palette: Float[np.ndarray, "p 3"], terrain: Terrain, rng: np.random.Generator) -> None:
+def _building(
+    built: Buildings,
+    corners: Float[np.ndarray, "4 2"],
+    storeys: int,
+    district: District,
+    palette: Float[np.ndarray, "p 3"],
+    terrain: Terrain,
+    rng: np.random.Generator,
+) -> None:
     """Walls around four corners (counter-clockwise), a base below the ground, and a roof."""
     floor = rng.uniform(2.8, 3.6)
     base = float(terrain.height_m(corners).min())
@@ -140,11 +163,22 @@ def _building(built: Buildings, corners: Float[np.ndarray, "4 2"], storeys: int,
     z0, z1 = base - 0.5, base + height
     for i in range(4):
         a, b = corners[i], corners[(i + 1) % 4]
-        run = np.linalg.norm(b - a)
+        run = float(np.linalg.norm(b - a))
         direction = (b - a) / run
         bays = max(1, round(run / bay))
         built.walls.append(
-            Wall((a[0], a[1]), (direction[0], direction[1]), base, floor, run / bays, window, shop, colour, trim, float(rng.random()))
+            Wall(
+                (a[0], a[1]),
+                (direction[0], direction[1]),
+                base,
+                floor,
+                run / bays,
+                window,
+                shop,
+                colour,
+                trim,
+                float(rng.random()),
+            )
         )
         built.meshes.append(quad([(*a, z0), (*b, z0), (*b, z1), (*a, z1)], colour, Material.WALL, len(built.walls) - 1))
     roof = np.array([0.30, 0.10, 0.06]) if rng.random() < 0.5 else np.full(3, rng.uniform(0.06, 0.2))
@@ -158,7 +192,9 @@ def _building(built: Buildings, corners: Float[np.ndarray, "4 2"], storeys: int,
             built.meshes.append(box((centre[0], centre[1], z1 + 0.9), (3.0, 2.2, 1.8), np.full(3, rng.uniform(0.15, 0.5))))
 
 
-def _gable(corners: Float[np.ndarray, "4 2"], z: float, roof: Float[np.ndarray, "3"], wall: Float[np.ndarray, "3"], pitch: float) -> list[Mesh]:
+def _gable(
+    corners: Float[np.ndarray, "4 2"], z: float, roof: Float[np.ndarray, "3"], wall: Float[np.ndarray, "3"], pitch: float
+) -> list[Mesh]:
     """A saddle roof along the longer side."""
     if np.linalg.norm(corners[1] - corners[0]) < np.linalg.norm(corners[2] - corners[1]):
         corners = np.roll(corners, -1, axis=0)
@@ -183,8 +219,19 @@ def _skyline(built: Buildings, layout: Layout, rng: np.random.Generator, palette
 def _palette(rng: np.random.Generator) -> Float[np.ndarray, "p 3"]:
     """Wall colours that go together: stone, plaster, brick and concrete in the mix of this town."""
     families = np.array(
-        [[0.52, 0.46, 0.36], [0.62, 0.58, 0.50], [0.30, 0.12, 0.08], [0.38, 0.19, 0.12], [0.40, 0.40, 0.40], [0.66, 0.66, 0.64],
-         [0.55, 0.42, 0.22], [0.28, 0.34, 0.40], [0.60, 0.38, 0.28], [0.22, 0.21, 0.20], [0.45, 0.50, 0.40]]
+        [
+            [0.52, 0.46, 0.36],
+            [0.62, 0.58, 0.50],
+            [0.30, 0.12, 0.08],
+            [0.38, 0.19, 0.12],
+            [0.40, 0.40, 0.40],
+            [0.66, 0.66, 0.64],
+            [0.55, 0.42, 0.22],
+            [0.28, 0.34, 0.40],
+            [0.60, 0.38, 0.28],
+            [0.22, 0.21, 0.20],
+            [0.45, 0.50, 0.40],
+        ]
     )
     chosen = families[rng.choice(len(families), size=5, replace=False)]
     return np.clip(chosen * rng.uniform(0.85, 1.15, (5, 3)), 0.03, 0.8)

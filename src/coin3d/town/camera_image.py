@@ -31,7 +31,12 @@ class View:
 
 
 def render_camera(
-    moment: Moment, camera: Camera, world_from_ego: Pose | None = None, *, contact: ContactShade | None = None, smooth_edges: bool = True
+    moment: Moment,
+    camera: Camera,
+    world_from_ego: Pose | None = None,
+    *,
+    contact: ContactShade | None = None,
+    smooth_edges: bool = True,
 ) -> View:
     """Ray-cast one camera.
 
@@ -79,7 +84,12 @@ def _edges(image: UInt8[np.ndarray, "h w 3"]) -> np.ndarray:
 
 
 def _finer(
-    moment: Moment, contact: ContactShade, camera: Camera, world_from_cam: Pose, pixels: Float[np.ndarray, "n 2"], exposure: float
+    moment: Moment,
+    contact: ContactShade,
+    camera: Camera,
+    world_from_cam: Pose,
+    pixels: Float[np.ndarray, "n 2"],
+    exposure: float,
 ) -> UInt8[np.ndarray, "n 3"]:
     """Mean of four rays on a turned grid inside each pixel."""
     offsets = np.array([[0.125, 0.375], [0.375, -0.125], [-0.125, -0.375], [-0.375, 0.125]])
@@ -87,4 +97,4 @@ def _finer(
     rays = world_from_cam.rotate(camera.rays_cam(spread)).astype(np.float32)
     hits = moment.cast(np.broadcast_to(world_from_cam.translation.astype(np.float32), rays.shape), rays)
     colours = developed(shade(moment, contact, world_from_cam.translation, rays, hits, 0.5 / camera.focal_px), exposure)
-    return ((colours.reshape(4, -1, 3).astype(np.uint16).sum(0) + 2) // 4).astype(np.uint8)
+    return np.asarray(((colours.reshape(4, -1, 3).astype(np.uint16).sum(0) + 2) // 4).astype(np.uint8))

@@ -5,11 +5,10 @@ Body frame: x forward, y left, z up, origin below the middle of the body on the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
+from coin3d.town.car_shapes import CarShape
 from coin3d.town.mesh import Material, Mesh, cylinder, quad
 
 GLASS = np.array([0.03, 0.035, 0.04])
@@ -21,97 +20,9 @@ INDICATOR = np.array([0.85, 0.35, 0.04])
 HUB = np.array([0.35, 0.35, 0.37])
 
 
-@dataclass(frozen=True)
-class CarShape:
-    """The side view of a body, in fractions of length and height.
-
-    Args:
-        sections: from rear to front: (x, belt height, top height, half width at the top, what lies between this section
-            and the next). Letters: B body, R rear window, W side window, P pillar, S windscreen, L load bed.
-        length_m, width_m, height_m: ranges of the size.
-        floor: height of the sill.
-        wheel_m: radius of the wheels.
-        axles: x of the rear and front axle.
-        tail_lamp: lower and upper edge of the rear lamps.
-        head_lamp: lower and upper edge of the headlights.
-    """
-
-    sections: tuple[tuple[float, float, float, float, str], ...]
-    length_m: tuple[float, float]
-    width_m: tuple[float, float]
-    height_m: tuple[float, float]
-    floor: float
-    wheel_m: float
-    axles: tuple[float, float]
-    tail_lamp: tuple[float, float]
-    head_lamp: tuple[float, float]
-
-
-HATCHBACK = CarShape(
-    (
-        (-0.50, 0.47, 0.54, 0.42, "B"), (-0.480, 0.59, 0.645, 0.42, "R"), (-0.385, 0.61, 0.95, 0.345, "P"),
-        (-0.34, 0.61, 0.98, 0.35, "W"), (-0.13, 0.61, 1.00, 0.36, "P"), (-0.10, 0.61, 1.00, 0.36, "W"),
-        (0.08, 0.60, 0.975, 0.35, "S"), (0.265, 0.585, 0.64, 0.41, "B"), (0.44, 0.50, 0.57, 0.39, "B"),
-        (0.50, 0.41, 0.47, 0.35, "B"),
-    ),
-    (3.75, 4.3), (1.68, 1.80), (1.44, 1.56), 0.14, 0.31, (-0.31, 0.31), (0.47, 0.62), (0.41, 0.49),
-)
-SEDAN = CarShape(
-    (
-        (-0.50, 0.54, 0.63, 0.40, "B"), (-0.487, 0.635, 0.735, 0.41, "B"), (-0.37, 0.645, 0.75, 0.40, "R"),
-        (-0.225, 0.645, 0.955, 0.335, "P"), (-0.19, 0.64, 0.98, 0.34, "W"), (-0.05, 0.635, 1.00, 0.35, "P"),
-        (-0.03, 0.635, 1.00, 0.35, "W"), (0.05, 0.63, 0.975, 0.34, "S"), (0.22, 0.60, 0.655, 0.41, "B"),
-        (0.44, 0.48, 0.55, 0.39, "B"), (0.50, 0.40, 0.455, 0.35, "B"),
-    ),
-    (4.45, 4.95), (1.77, 1.90), (1.41, 1.50), 0.13, 0.325, (-0.29, 0.31), (0.53, 0.67), (0.395, 0.475),
-)
-ESTATE = CarShape(
-    (
-        (-0.50, 0.48, 0.54, 0.42, "B"), (-0.485, 0.60, 0.65, 0.42, "R"), (-0.43, 0.62, 0.94, 0.34, "P"),
-        (-0.39, 0.62, 0.96, 0.345, "W"), (-0.20, 0.62, 0.99, 0.35, "P"), (-0.18, 0.62, 0.99, 0.35, "W"),
-        (-0.01, 0.62, 1.0, 0.35, "P"), (0.01, 0.62, 1.0, 0.35, "W"), (0.09, 0.61, 0.975, 0.345, "S"),
-        (0.26, 0.60, 0.655, 0.41, "B"), (0.45, 0.50, 0.57, 0.39, "B"), (0.50, 0.42, 0.48, 0.35, "B"),
-    ),
-    (4.5, 4.95), (1.78, 1.88), (1.44, 1.53), 0.13, 0.325, (-0.29, 0.31), (0.50, 0.66), (0.42, 0.50),
-)
-SUV = CarShape(
-    (
-        (-0.50, 0.50, 0.57, 0.43, "B"), (-0.49, 0.61, 0.66, 0.43, "R"), (-0.435, 0.62, 0.94, 0.36, "P"),
-        (-0.39, 0.62, 0.97, 0.37, "W"), (-0.20, 0.62, 0.99, 0.375, "P"), (-0.17, 0.62, 1.00, 0.375, "W"),
-        (0.06, 0.615, 0.98, 0.37, "S"), (0.215, 0.61, 0.66, 0.43, "B"), (0.45, 0.565, 0.615, 0.42, "B"),
-        (0.50, 0.47, 0.53, 0.38, "B"),
-    ),
-    (4.35, 4.9), (1.84, 1.98), (1.64, 1.80), 0.16, 0.37, (-0.29, 0.31), (0.48, 0.66), (0.46, 0.54),
-)
-PANEL_VAN = CarShape(
-    (
-        (-0.50, 0.48, 0.95, 0.40, "B"), (-0.49, 0.50, 0.985, 0.405, "B"), (-0.10, 0.50, 1.0, 0.41, "B"),
-        (0.08, 0.49, 1.0, 0.41, "W"), (0.21, 0.48, 0.975, 0.39, "S"), (0.365, 0.46, 0.52, 0.42, "B"),
-        (0.475, 0.40, 0.455, 0.40, "B"), (0.50, 0.33, 0.385, 0.38, "B"),
-    ),
-    (4.9, 5.9), (1.95, 2.08), (2.05, 2.55), 0.12, 0.35, (-0.30, 0.33), (0.33, 0.50), (0.325, 0.395),
-)
-MINIVAN = CarShape(
-    (
-        (-0.50, 0.47, 0.52, 0.43, "B"), (-0.49, 0.56, 0.60, 0.43, "R"), (-0.45, 0.57, 0.95, 0.38, "P"),
-        (-0.42, 0.57, 0.98, 0.385, "W"), (-0.21, 0.57, 1.0, 0.39, "P"), (-0.18, 0.57, 1.0, 0.39, "W"),
-        (0.03, 0.56, 1.0, 0.39, "P"), (0.06, 0.56, 0.995, 0.39, "W"), (0.13, 0.55, 0.97, 0.38, "S"),
-        (0.32, 0.53, 0.58, 0.42, "B"), (0.465, 0.46, 0.51, 0.40, "B"), (0.50, 0.38, 0.43, 0.37, "B"),
-    ),
-    (4.5, 5.1), (1.82, 1.98), (1.75, 1.98), 0.13, 0.34, (-0.30, 0.32), (0.45, 0.72), (0.38, 0.46),
-)
-PICKUP = CarShape(
-    (
-        (-0.50, 0.50, 0.555, 0.44, "B"), (-0.495, 0.52, 0.575, 0.44, "L"), (-0.125, 0.52, 0.575, 0.44, "B"),
-        (-0.12, 0.60, 0.93, 0.36, "P"), (-0.10, 0.61, 0.97, 0.37, "W"), (0.02, 0.61, 1.0, 0.375, "P"),
-        (0.035, 0.61, 1.0, 0.375, "W"), (0.115, 0.60, 0.975, 0.37, "S"), (0.235, 0.59, 0.635, 0.43, "B"),
-        (0.46, 0.55, 0.60, 0.42, "B"), (0.50, 0.46, 0.52, 0.39, "B"),
-    ),
-    (5.15, 5.6), (1.88, 2.02), (1.74, 1.86), 0.19, 0.38, (-0.30, 0.33), (0.40, 0.53), (0.45, 0.53),
-)
-
-
-def car_body(shape: CarShape, size_m: Float[np.ndarray, "3"], paint: Float[np.ndarray, "3"], plate: Float[np.ndarray, "3"]) -> Mesh:
+def car_body(
+    shape: CarShape, size_m: Float[np.ndarray, "3"], paint: Float[np.ndarray, "3"], plate: Float[np.ndarray, "3"]
+) -> Mesh:
     """The body with wheels, lamps, plates and grille, exactly ``size_m`` (length, width, height)."""
     length, width, height = size_m
     parts = [_skin(shape, length, width, height, paint)]
@@ -139,7 +50,7 @@ def wheel(x_m: float, y_outer_m: float, radius_m: float, width_m: float = 0.22) 
 
 def _half_width(x: float, width_m: float) -> float:
     """Half the width at a fraction of the length: the plan view narrows towards both ends."""
-    return (width_m / 2 - 0.02) * (1.0 - 0.9 * max(0.0, abs(x) - 0.40) ** 1.2)
+    return float((width_m / 2 - 0.02) * (1.0 - 0.9 * max(0.0, abs(x) - 0.40) ** 1.2))
 
 
 def _skin(shape: CarShape, length: float, width: float, height: float, paint: Float[np.ndarray, "3"]) -> Mesh:
@@ -178,8 +89,14 @@ def _skin(shape: CarShape, length: float, width: float, height: float, paint: Fl
     )
 
 
-def panel(x: float, y: tuple[float, float], z: tuple[float, float], colour: Float[np.ndarray, "3"], front: bool,
-          material: Material = Material.MATT) -> Mesh:
+def panel(
+    x: float,
+    y: tuple[float, float],
+    z: tuple[float, float],
+    colour: Float[np.ndarray, "3"],
+    front: bool,
+    material: Material = Material.MATT,
+) -> Mesh:
     """An upright rectangle across the vehicle, facing forward or backward."""
     corners = [(x, y[0], z[0]), (x, y[1], z[0]), (x, y[1], z[1]), (x, y[0], z[1])]
     return quad(corners if front else corners[::-1], colour, material)

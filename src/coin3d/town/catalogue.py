@@ -7,15 +7,31 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from coin3d.town import car_bodies as cars
+from coin3d.town import car_shapes as cars
+from coin3d.town.car_bodies import car_body
 from coin3d.town.large_bodies import bus_body, truck_body
 from coin3d.town.mesh import Mesh
 from coin3d.town.people import cyclist, motorcycle, parked_bicycle, pedestrian
 
 _PAINTS = np.array(
-    [[0.75, 0.75, 0.74], [0.72, 0.72, 0.70], [0.45, 0.46, 0.47], [0.18, 0.19, 0.20], [0.08, 0.08, 0.09], [0.018, 0.018, 0.02],
-     [0.03, 0.07, 0.25], [0.02, 0.03, 0.09], [0.45, 0.02, 0.02], [0.22, 0.015, 0.02], [0.03, 0.12, 0.06], [0.42, 0.36, 0.26],
-     [0.10, 0.28, 0.45], [0.60, 0.22, 0.02], [0.65, 0.50, 0.04], [0.20, 0.13, 0.08]]
+    [
+        [0.75, 0.75, 0.74],
+        [0.72, 0.72, 0.70],
+        [0.45, 0.46, 0.47],
+        [0.18, 0.19, 0.20],
+        [0.08, 0.08, 0.09],
+        [0.018, 0.018, 0.02],
+        [0.03, 0.07, 0.25],
+        [0.02, 0.03, 0.09],
+        [0.45, 0.02, 0.02],
+        [0.22, 0.015, 0.02],
+        [0.03, 0.12, 0.06],
+        [0.42, 0.36, 0.26],
+        [0.10, 0.28, 0.45],
+        [0.60, 0.22, 0.02],
+        [0.65, 0.50, 0.04],
+        [0.20, 0.13, 0.08],
+    ]
 )
 _PAINT_SHARE = np.array([14, 8, 12, 12, 8, 12, 6, 6, 6, 3, 3, 3, 3, 2, 2, 2], dtype=np.float64) / 102
 _SKINS = np.array([[0.55, 0.36, 0.27], [0.42, 0.26, 0.18], [0.20, 0.11, 0.07], [0.62, 0.44, 0.35]])
@@ -36,7 +52,7 @@ class Body:
 
 
 def _paint(rng: np.random.Generator) -> Float[np.ndarray, "3"]:
-    return np.clip(_PAINTS[rng.choice(len(_PAINTS), p=_PAINT_SHARE)] * rng.uniform(0.85, 1.1, 3), 0.01, 0.85)
+    return np.asarray(np.clip(_PAINTS[rng.choice(len(_PAINTS), p=_PAINT_SHARE)] * rng.uniform(0.85, 1.1, 3), 0.01, 0.85))
 
 
 def _cloth(rng: np.random.Generator) -> Float[np.ndarray, "3"]:
@@ -47,7 +63,7 @@ def _size(rng: np.random.Generator, shape: cars.CarShape) -> Float[np.ndarray, "
     # one draw for all three, so that long cars are wide and tall too
     t = rng.random()
     ranges = np.array([shape.length_m, shape.width_m, shape.height_m])
-    return np.round(ranges[:, 0] + t * (ranges[:, 1] - ranges[:, 0]), 3)
+    return np.asarray(np.round(ranges[:, 0] + t * (ranges[:, 1] - ranges[:, 0]), 3))
 
 
 def random_car(rng: np.random.Generator) -> Body:
@@ -58,7 +74,7 @@ def random_car(rng: np.random.Generator) -> Body:
         shape, category = _CARS[int(rng.choice(len(_CARS), p=_CAR_SHARE))], "vehicle.car"
     size = _size(rng, shape)
     plate = np.array([0.8, 0.8, 0.78]) if rng.random() < 0.6 else np.array([0.75, 0.55, 0.05])
-    body = cars.car_body(shape, size, _paint(rng), plate)
+    body = car_body(shape, size, _paint(rng), plate)
     return Body(category, size, (body,), float(size[0] * (shape.axles[1] - shape.axles[0]) / 2))
 
 

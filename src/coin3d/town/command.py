@@ -54,8 +54,15 @@ def town_command(
     chosen = preset_rig(rig, width_px=width) if rig in RIG_PRESETS else load_rig(_rig_path(rig))
     seeds = list(range(first_seed, first_seed + scenes))
     record(
-        chosen, Path(out), seeds, options=TownOptions(slope=slope), key_frames=key_frames, sweeps=sweeps, true_depth=true_depth,
-        workers=workers, progress=progress,
+        chosen,
+        Path(out),
+        seeds,
+        options=TownOptions(slope=slope),
+        key_frames=key_frames,
+        sweeps=sweeps,
+        true_depth=true_depth,
+        workers=workers,
+        progress=progress,
     )
     recording = NuScenesRecording(out)
     frame = recording[min(len(recording) - 1, key_frames // 2)]
@@ -67,7 +74,9 @@ def preview(frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
     cameras = sorted(frame.rig, key=lambda name: (abs(frame.rig[name].yaw_rad) > 1.6, _across(frame.rig, name)))
     panels = [Panel(frame.image(name), name) for name in cameras]
     scan = frame.lidar.load() if frame.lidar is not None else None
-    panels.append(Panel(top_view(frame.rig, frame.boxes, points_ego=None if scan is None else scan.points_ego), "top view, 50 m"))
+    panels.append(
+        Panel(top_view(frame.rig, frame.boxes, points_ego=None if scan is None else scan.points_ego), "top view, 50 m")
+    )
     return sheet(panels, 3, 520, f"{frame.scene}, {len(frame.boxes or ())} boxes")
 
 

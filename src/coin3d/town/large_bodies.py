@@ -24,17 +24,34 @@ def truck_body(size_m: Float[np.ndarray, "3"], paint: Float[np.ndarray, "3"], ca
     cab_rear = front - 1.9
     cab_height = min(0.86 * height, 2.55)
     cab = _prism(
-        [(cab_rear, 0.55), (front, 0.42), (front, 1.25), (front - 0.12, 1.4), (front - 0.45, cab_height - 0.08),
-         (front - 0.7, cab_height), (cab_rear, cab_height)],
-        half - 0.02, paint, Material.PAINT,
+        [
+            (cab_rear, 0.55),
+            (front, 0.42),
+            (front, 1.25),
+            (front - 0.12, 1.4),
+            (front - 0.45, cab_height - 0.08),
+            (front - 0.7, cab_height),
+            (cab_rear, cab_height),
+        ],
+        half - 0.02,
+        paint,
+        Material.PAINT,
     )
-    screen = [(front - 0.125, -half * 0.9, 1.45), (front - 0.125, half * 0.9, 1.45),
-              (front - 0.425, half * 0.86, cab_height - 0.15), (front - 0.425, -half * 0.86, cab_height - 0.15)]
+    screen = [
+        (front - 0.125, -half * 0.9, 1.45),
+        (front - 0.125, half * 0.9, 1.45),
+        (front - 0.425, half * 0.86, cab_height - 0.15),
+        (front - 0.425, -half * 0.86, cab_height - 0.15),
+    ]
     parts = [
         cab,
-        quad(np.array(screen) + [0.02, 0, 0.005], GLASS, Material.GLASS),
-        box(((rear + cab_rear - 0.25) / 2, 0, (0.95 + height) / 2), (cab_rear - 0.25 - rear - 0.03, width - 0.04, height - 0.95),
-            cargo, Material.PAINT),
+        quad(np.add(screen, [0.02, 0, 0.005]), GLASS, Material.GLASS),
+        box(
+            ((rear + cab_rear - 0.25) / 2, 0, (0.95 + height) / 2),
+            (cab_rear - 0.25 - rear - 0.03, width - 0.04, height - 0.95),
+            cargo,
+            Material.PAINT,
+        ),
         box((-0.3, 0, 0.72), (length - 0.9, width * 0.5, 0.42), TRIM),
         panel(front + 0.01, (-half * 0.55, half * 0.55), (0.8, 1.2), TRIM, True),
         panel(front + 0.012, (-0.26, 0.26), (0.5, 0.61), np.array([0.8, 0.8, 0.78]), True),
@@ -43,7 +60,12 @@ def truck_body(size_m: Float[np.ndarray, "3"], paint: Float[np.ndarray, "3"], ca
         panel(rear - 0.008, (-0.26, 0.26), (0.6, 0.71), np.array([0.8, 0.8, 0.78]), False),
     ]
     for side in (-1.0, 1.0):
-        window = [(front - 0.55, 1.45), (front - 0.62, cab_height - 0.3), (cab_rear + 0.45, cab_height - 0.3), (cab_rear + 0.45, 1.45)]
+        window = [
+            (front - 0.55, 1.45),
+            (front - 0.62, cab_height - 0.3),
+            (cab_rear + 0.45, cab_height - 0.3),
+            (cab_rear + 0.45, 1.45),
+        ]
         corners = np.array([(x, side * (half - 0.012), z) for x, z in window])
         parts.append(quad(corners if side > 0 else corners[::-1], GLASS, Material.GLASS))
         y = sorted((side * half * 0.62, side * half * 0.93))
@@ -63,18 +85,48 @@ def bus_body(size_m: Float[np.ndarray, "3"], paint: Float[np.ndarray, "3"], stri
     length, width, height = size_m
     front, rear, half = length / 2, -length / 2, width / 2 - 0.025
     hull = _prism(
-        [(rear, 0.4), (front - 0.1, 0.32), (front, 0.7), (front, 1.1), (front - 0.28, height - 0.35), (front - 0.5, height),
-         (rear + 0.15, height), (rear, height - 0.25)],
-        half, paint, Material.PAINT,
+        [
+            (rear, 0.4),
+            (front - 0.1, 0.32),
+            (front, 0.7),
+            (front, 1.1),
+            (front - 0.28, height - 0.35),
+            (front - 0.5, height),
+            (rear + 0.15, height),
+            (rear, height - 0.25),
+        ],
+        half,
+        paint,
+        Material.PAINT,
     )
     parts = [
         hull,
-        quad(np.array([(front + 0.005, -half * 0.95, 1.12), (front + 0.005, half * 0.95, 1.12),
-                       (front - 0.225, half * 0.95, height - 0.62), (front - 0.225, -half * 0.95, height - 0.62)])
-             + [0.012, 0, 0], GLASS, Material.GLASS),
-        quad(np.array([(front - 0.235, -half * 0.7, height - 0.58), (front - 0.235, half * 0.7, height - 0.58),
-                       (front - 0.28, half * 0.7, height - 0.36), (front - 0.28, -half * 0.7, height - 0.36)])
-             + [0.02, 0, 0], INDICATOR, Material.LAMP),
+        quad(
+            np.add(
+                [
+                    (front + 0.005, -half * 0.95, 1.12),
+                    (front + 0.005, half * 0.95, 1.12),
+                    (front - 0.225, half * 0.95, height - 0.62),
+                    (front - 0.225, -half * 0.95, height - 0.62),
+                ],
+                [0.012, 0, 0],
+            ),
+            GLASS,
+            Material.GLASS,
+        ),
+        quad(
+            np.add(
+                [
+                    (front - 0.235, -half * 0.7, height - 0.58),
+                    (front - 0.235, half * 0.7, height - 0.58),
+                    (front - 0.28, half * 0.7, height - 0.36),
+                    (front - 0.28, -half * 0.7, height - 0.36),
+                ],
+                [0.02, 0, 0],
+            ),
+            INDICATOR,
+            Material.LAMP,
+        ),
         panel(front + 0.01, (-half * 0.9, half * 0.9), (0.72, 0.86), TRIM, True),
         panel(rear - 0.008, (-half * 0.7, half * 0.7), (0.75, 1.25), TRIM, False),
         panel(rear - 0.008, (-half * 0.75, half * 0.75), (1.75, height - 0.6), GLASS, False, Material.GLASS),
@@ -97,6 +149,8 @@ def bus_body(size_m: Float[np.ndarray, "3"], paint: Float[np.ndarray, "3"], stri
     return Mesh.merge(parts).fitted(size_m)
 
 
-def _side_panel(x0: float, x1: float, y: float, z0: float, z1: float, colour: Float[np.ndarray, "3"], material: Material) -> Mesh:
+def _side_panel(
+    x0: float, x1: float, y: float, z0: float, z1: float, colour: Float[np.ndarray, "3"], material: Material
+) -> Mesh:
     corners = [(x1, y, z0), (x0, y, z0), (x0, y, z1), (x1, y, z1)]
     return quad(corners if y > 0 else corners[::-1], colour, material)

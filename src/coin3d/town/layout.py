@@ -73,7 +73,8 @@ def build_layout(rng: np.random.Generator) -> Layout:
     positions = np.sort(rng.choice([-110.0, -35.0, 40.0, 115.0], size=count, replace=False)) + rng.uniform(-12, 12, count)
     if not ((positions > -20) & (positions < 75)).any():
         positions[-1] = rng.uniform(0, 60)
-    sides, marks = [], []
+    sides: list[Road] = []
+    marks: list[tuple[float, float, float]] = []
     for s in np.sort(positions):
         if marks and s - marks[-1][0] < 55:
             continue

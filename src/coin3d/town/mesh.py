@@ -77,7 +77,7 @@ class Mesh:
         turned = self.vertices @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], dtype=np.float32)
         return replace(self, vertices=(turned + np.asarray(offset_m, dtype=np.float32)).astype(np.float32))
 
-    def fitted(self, size_m: Sequence[float]) -> Mesh:
+    def fitted(self, size_m: ArrayLike) -> Mesh:
         """Stretched so that the bounds are exactly length x width x height, centred in x and y, standing on z = 0."""
         low, high = self.vertices.min(0), self.vertices.max(0)
         unit = (self.vertices - low) / (high - low) - np.array([0.5, 0.5, 0.0], dtype=np.float32)
@@ -104,9 +104,7 @@ def box(
     return loft([bottom + centre_m, top + centre_m], colour, material)
 
 
-def loft(
-    rings: Sequence[ArrayLike], colour: ArrayLike, material: Material = Material.MATT, caps: bool = True
-) -> Mesh:
+def loft(rings: Sequence[ArrayLike], colour: ArrayLike, material: Material = Material.MATT, caps: bool = True) -> Mesh:
     """Skin over closed rings of equally many points; rings turn counter-clockwise seen from the last ring."""
     stack = np.asarray(rings, dtype=np.float64)
     count, n = stack.shape[:2]
@@ -132,7 +130,7 @@ def cylinder(
 ) -> Mesh:
     """A (tapered) rod from one point to another, closed at both ends."""
     start, end = np.asarray(start_m, dtype=np.float64), np.asarray(end_m, dtype=np.float64)
-    axis = (end - start) / max(np.linalg.norm(end - start), 1e-9)
+    axis = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
     helper = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     u = _cross(axis, helper)
     u /= np.linalg.norm(u)
@@ -147,8 +145,15 @@ def _cross(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> Float[np.nda
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def ball(centre_m: ArrayLike, radius_m: ArrayLike, colour: ArrayLike, material: Material = Material.MATT, rings: int = 4,
-         sides: int = 7, jitter: Float[np.ndarray, "k"] | None = None) -> Mesh:
+def ball(
+    centre_m: ArrayLike,
+    radius_m: ArrayLike,
+    colour: ArrayLike,
+    material: Material = Material.MATT,
+    rings: int = 4,
+    sides: int = 7,
+    jitter: Float[np.ndarray, "k"] | None = None,
+) -> Mesh:
     """An ellipsoid of stacked rings; ``jitter`` factors roughen the radius (crowns of trees)."""
     polar = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[1:-1]
     angle = 2 * np.pi * np.arange(sides) / sides

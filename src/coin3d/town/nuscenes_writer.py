@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,35 @@ from coin3d.geometry import Boxes3D, Camera, Pose
 
 VERSION = "v1.0-town"
 TABLES = (
-    "attribute", "calibrated_sensor", "category", "ego_pose", "instance", "log", "map", "sample", "sample_annotation",
-    "sample_data", "scene", "sensor", "visibility",
+    "attribute",
+    "calibrated_sensor",
+    "category",
+    "ego_pose",
+    "instance",
+    "log",
+    "map",
+    "sample",
+    "sample_annotation",
+    "sample_data",
+    "scene",
+    "sensor",
+    "visibility",
 )
 CATEGORIES = (
-    "vehicle.car", "vehicle.truck", "vehicle.bus.rigid", "vehicle.bicycle", "vehicle.motorcycle", "human.pedestrian.adult",
+    "vehicle.car",
+    "vehicle.truck",
+    "vehicle.bus.rigid",
+    "vehicle.bicycle",
+    "vehicle.motorcycle",
+    "human.pedestrian.adult",
 )
 ATTRIBUTES = (
-    "vehicle.moving", "vehicle.stopped", "vehicle.parked", "cycle.with_rider", "cycle.without_rider", "pedestrian.standing",
+    "vehicle.moving",
+    "vehicle.stopped",
+    "vehicle.parked",
+    "cycle.with_rider",
+    "cycle.without_rider",
+    "pedestrian.standing",
     "pedestrian.moving",
 )
 _VISIBILITY = (("1", "v0-40", 0, 40), ("2", "v40-60", 40, 60), ("3", "v60-80", 60, 80), ("4", "v80-100", 80, 100))
@@ -83,7 +104,7 @@ def box_fields(boxes: Boxes3D, i: int) -> Row:
 
 def chain(rows: list[Row]) -> None:
     """Fill ``prev`` and ``next`` of rows in time order."""
-    for before, after in zip(rows[:-1], rows[1:], strict=True):
+    for before, after in pairwise(rows):
         before["next"], after["prev"] = after["token"], before["token"]
 
 
@@ -92,7 +113,7 @@ def write_json(path: Path, content: Any) -> None:
     part = path.with_name(path.name + ".part")
     part.parent.mkdir(parents=True, exist_ok=True)
     part.write_text(json.dumps(content, indent=0))
-    os.replace(part, path)
+    part.replace(path)
 
 
 def write_tables(out: Path, scenes: list[Rows]) -> Path:

@@ -33,7 +33,7 @@ class Path:
     def directions(self) -> Float[np.ndarray, "n 2"]:
         """Unit tangent at every point."""
         tangent = np.gradient(self.points_m, axis=0)
-        return tangent / np.linalg.norm(tangent, axis=1, keepdims=True)
+        return np.asarray(tangent / np.linalg.norm(tangent, axis=1, keepdims=True))
 
     def at(self, s_m: ArrayLike) -> Float[np.ndarray, "... 2"]:
         """Position at a distance along the path; straight continuation beyond the ends."""
@@ -42,13 +42,13 @@ class Path:
         xy = np.stack([np.interp(inside, self.arc_m, self.points_m[:, k]) for k in (0, 1)], axis=-1)
         over = s - inside
         end = np.where((over > 0)[..., None], self.directions[-1], self.directions[0])
-        return xy + over[..., None] * end
+        return np.asarray(xy + over[..., None] * end)
 
     def yaw_at(self, s_m: ArrayLike, half_base_m: float = 1.3) -> Float[np.ndarray, "..."]:
         """Heading of a body whose two axles, ``half_base_m`` before and behind, both ride on the path."""
         s = np.asarray(s_m, dtype=np.float64)
         chord = self.at(s + half_base_m) - self.at(s - half_base_m)
-        return np.arctan2(chord[..., 1], chord[..., 0])
+        return np.asarray(np.arctan2(chord[..., 1], chord[..., 0]))
 
     def offset(self, left_m: float) -> Path:
         """The parallel path ``left_m`` to the left (negative: to the right)."""

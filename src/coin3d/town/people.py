@@ -26,7 +26,9 @@ def _head(position: tuple[float, float, float], skin: Colour, hair: Colour) -> l
     return [ball((x + 0.01, y, z), (0.10, 0.082, 0.125), skin), ball((x - 0.018, y, z + 0.035), (0.10, 0.088, 0.11), hair)]
 
 
-def pedestrian(size_m: Float[np.ndarray, "3"], stride: float, top: Colour, trousers: Colour, skin: Colour, hair: Colour) -> Mesh:
+def pedestrian(
+    size_m: Float[np.ndarray, "3"], stride: float, top: Colour, trousers: Colour, skin: Colour, hair: Colour
+) -> Mesh:
     """A person in mid-step; ``stride`` in [-1, 1] is the swing of the left leg (0 stands).
 
     The body keeps within ``size_m``, the box of the widest step, and is scaled by height.
@@ -68,13 +70,26 @@ def bicycle(frame: Colour) -> list[Mesh]:
     for start, end in ((crank, seat), (crank, head), (seat, head), ((-0.52, 0, 0.345), crank), ((-0.52, 0, 0.345), seat)):
         parts.append(cylinder(start, end, 0.024, frame, 5))
     parts += [cylinder((0.36, 0, 1.02), (0.53, 0, 0.345), 0.022, frame, 5)]
-    parts += [cylinder((0.38, -0.28, 1.04), (0.38, 0.28, 1.04), 0.018, TRIM, 4), box((-0.25, 0, 0.93), (0.24, 0.14, 0.06), TRIM)]
-    parts += [box((0.47, 0, 0.92), (0.06, 0.08, 0.08), HEADLIGHT, Material.LAMP), box((-0.42, 0, 0.80), (0.05, 0.08, 0.08), TAILLIGHT, Material.LAMP)]
+    parts += [
+        cylinder((0.38, -0.28, 1.04), (0.38, 0.28, 1.04), 0.018, TRIM, 4),
+        box((-0.25, 0, 0.93), (0.24, 0.14, 0.06), TRIM),
+    ]
+    parts += [
+        box((0.47, 0, 0.92), (0.06, 0.08, 0.08), HEADLIGHT, Material.LAMP),
+        box((-0.42, 0, 0.80), (0.05, 0.08, 0.08), TAILLIGHT, Material.LAMP),
+    ]
     return parts
 
 
-def _rider(seat: tuple[float, float, float], grip: tuple[float, float, float], pedal: tuple[float, float, float], top: Colour,
-           trousers: Colour, skin: Colour, helmet: Colour) -> list[Mesh]:
+def _rider(
+    seat: tuple[float, float, float],
+    grip: tuple[float, float, float],
+    pedal: tuple[float, float, float],
+    top: Colour,
+    trousers: Colour,
+    skin: Colour,
+    helmet: Colour,
+) -> list[Mesh]:
     """Someone leaning from the seat to the handlebar."""
     lean = 0.42 * (grip[0] - seat[0])
     neck = (seat[0] + lean, 0.0, seat[2] + 0.56)
@@ -83,11 +98,21 @@ def _rider(seat: tuple[float, float, float], grip: tuple[float, float, float], p
         knee = (0.5 * (seat[0] + pedal[0]) + 0.25, side * 0.14, 0.5 * (seat[2] + pedal[2]) + 0.08 + up)
         foot = (pedal[0], side * 0.12, pedal[2] + up)
         parts += [cylinder((seat[0], side * 0.1, seat[2] + 0.05), knee, 0.085, trousers, 6, 0.07)]
-        parts += [cylinder(knee, foot, 0.065, trousers, 6, 0.05), box((foot[0] + 0.05, foot[1], foot[2] - 0.03), (0.25, 0.09, 0.08), TRIM)]
+        parts += [
+            cylinder(knee, foot, 0.065, trousers, 6, 0.05),
+            box((foot[0] + 0.05, foot[1], foot[2] - 0.03), (0.25, 0.09, 0.08), TRIM),
+        ]
         elbow = (0.5 * (neck[0] + grip[0]), side * 0.27, 0.5 * (neck[2] + grip[2]) - 0.12)
-        parts += [cylinder((neck[0] - 0.02, side * 0.2, neck[2] - 0.09), elbow, 0.055, top, 6), cylinder(elbow, (grip[0], side * 0.24, grip[2]), 0.045, top, 5)]
+        parts += [
+            cylinder((neck[0] - 0.02, side * 0.2, neck[2] - 0.09), elbow, 0.055, top, 6),
+            cylinder(elbow, (grip[0], side * 0.24, grip[2]), 0.045, top, 5),
+        ]
     head = (neck[0] + 0.07, 0.0, neck[2] + 0.14)
-    return [*parts, ball(head, (0.10, 0.085, 0.125), skin), ball((head[0] - 0.015, 0, head[2] + 0.045), (0.13, 0.105, 0.11), helmet)]
+    return [
+        *parts,
+        ball(head, (0.10, 0.085, 0.125), skin),
+        ball((head[0] - 0.015, 0, head[2] + 0.045), (0.13, 0.105, 0.11), helmet),
+    ]
 
 
 def cyclist(size_m: Float[np.ndarray, "3"], frame: Colour, top: Colour, trousers: Colour, skin: Colour, helmet: Colour) -> Mesh:
@@ -104,12 +129,30 @@ def motorcycle(size_m: Float[np.ndarray, "3"], paint: Colour, rider: tuple[Colou
     """A motorcycle; ``rider`` gives the colours of top, trousers, skin and helmet, or nobody sits on it."""
     parts: list[Mesh] = []
     for x in (-0.66, 0.70):
-        parts += [cylinder((x, -0.075, 0.31), (x, 0.075, 0.31), 0.31, RUBBER, 14), cylinder((x, -0.08, 0.31), (x, 0.08, 0.31), 0.16, TRIM * 6, 8)]
-    parts += [box((0.0, 0, 0.48), (0.75, 0.30, 0.36), TRIM, taper=(0.8, 0.8)), ball((0.16, 0, 0.82), (0.30, 0.17, 0.17), paint, Material.PAINT)]
-    parts += [box((-0.36, 0, 0.80), (0.72, 0.26, 0.12), TRIM, taper=(0.9, 0.8)), box((-0.72, 0, 0.78), (0.3, 0.2, 0.16), paint, Material.PAINT, (0.6, 0.7))]
-    parts += [cylinder((0.50, 0, 1.0), (0.70, 0, 0.31), 0.05, TRIM * 4, 6), box((0.72, 0, 0.64), (0.46, 0.15, 0.06), paint, Material.PAINT)]
-    parts += [cylinder((0.42, -0.36, 1.05), (0.42, 0.36, 1.05), 0.022, TRIM, 5), box((0.62, 0, 0.92), (0.12, 0.2, 0.2), HEADLIGHT, Material.LAMP)]
-    parts += [box((-0.88, 0, 0.80), (0.05, 0.16, 0.09), TAILLIGHT, Material.LAMP), cylinder((-0.75, -0.16, 0.34), (0.1, -0.16, 0.32), 0.06, TRIM * 7, 6)]
+        parts += [
+            cylinder((x, -0.075, 0.31), (x, 0.075, 0.31), 0.31, RUBBER, 14),
+            cylinder((x, -0.08, 0.31), (x, 0.08, 0.31), 0.16, TRIM * 6, 8),
+        ]
+    parts += [
+        box((0.0, 0, 0.48), (0.75, 0.30, 0.36), TRIM, taper=(0.8, 0.8)),
+        ball((0.16, 0, 0.82), (0.30, 0.17, 0.17), paint, Material.PAINT),
+    ]
+    parts += [
+        box((-0.36, 0, 0.80), (0.72, 0.26, 0.12), TRIM, taper=(0.9, 0.8)),
+        box((-0.72, 0, 0.78), (0.3, 0.2, 0.16), paint, Material.PAINT, (0.6, 0.7)),
+    ]
+    parts += [
+        cylinder((0.50, 0, 1.0), (0.70, 0, 0.31), 0.05, TRIM * 4, 6),
+        box((0.72, 0, 0.64), (0.46, 0.15, 0.06), paint, Material.PAINT),
+    ]
+    parts += [
+        cylinder((0.42, -0.36, 1.05), (0.42, 0.36, 1.05), 0.022, TRIM, 5),
+        box((0.62, 0, 0.92), (0.12, 0.2, 0.2), HEADLIGHT, Material.LAMP),
+    ]
+    parts += [
+        box((-0.88, 0, 0.80), (0.05, 0.16, 0.09), TAILLIGHT, Material.LAMP),
+        cylinder((-0.75, -0.16, 0.34), (0.1, -0.16, 0.32), 0.06, TRIM * 7, 6),
+    ]
     if rider is not None:
         parts += _rider((-0.30, 0, 0.84), (0.42, 0, 1.06), (0.0, 0, 0.36), *rider)
     else:

@@ -67,7 +67,7 @@ class _Canvas:
 
     def __init__(self, half_extent_m: float) -> None:
         self.half_m = half_extent_m
-        self.size = int(round(2 * half_extent_m / CELL_M))
+        self.size = round(2 * half_extent_m / CELL_M)
 
     def _fixed(self, points_m: Float[np.ndarray, "n 2"]) -> np.ndarray:
         return np.round(((points_m + self.half_m) / CELL_M - 0.5) * (1 << _SHIFT)).astype(np.int32)
@@ -83,8 +83,9 @@ class _Canvas:
             piece = np.concatenate([left[i : i + 9], right[i : i + 9][::-1]])
             cv2.fillPoly(mask, [self._fixed(piece)], 255, cv2.LINE_AA, _SHIFT)
 
-    def line(self, mask: UInt8[np.ndarray, "s s"], path: Path, left_m: float, width_m: float,
-             stretches: list[tuple[float, float]]) -> None:
+    def line(
+        self, mask: UInt8[np.ndarray, "s s"], path: Path, left_m: float, width_m: float, stretches: list[tuple[float, float]]
+    ) -> None:
         """Paint along a parallel of a path, over stretches [start, end] of its length."""
         for start, end in stretches:
             if end - start > 0.3:
@@ -118,17 +119,20 @@ def paint_plan(layout: Layout, rng: np.random.Generator) -> GroundPlan:
     _blend(image, (cv2.bitwise_and(white, asphalt) * worn).astype(np.uint8), np.array([0.72, 0.72, 0.70]))
     if yellow_centre:
         _blend(image, (cv2.bitwise_and(yellow, asphalt) * worn).astype(np.uint8), np.array([0.75, 0.48, 0.06]))
-    levels = [image]
+    levels: list[np.ndarray] = [image]
     while len(levels) < 6:
         half = levels[-1].shape[0] // 2
         levels.append(cv2.resize(levels[-1], (half, half), interpolation=cv2.INTER_AREA))
     coarse = canvas.size // _COARSE
-    masks = [(cv2.resize(m, (coarse, coarse), interpolation=cv2.INTER_AREA) > 127).astype(np.uint8) * 255 for m in (asphalt, pavement)]
+    masks = [
+        (cv2.resize(m, (coarse, coarse), interpolation=cv2.INTER_AREA) > 127).astype(np.uint8) * 255
+        for m in (asphalt, pavement)
+    ]
     return GroundPlan(layout.half_extent_m, tuple(levels), masks[0], cv2.bitwise_or(masks[0], masks[1]))
 
 
 def _code(reflectance: Float[np.ndarray, "3"]) -> UInt8[np.ndarray, "3"]:
-    return np.round(255 * np.sqrt(np.clip(reflectance, 0, 1))).astype(np.uint8)
+    return np.asarray(np.round(255 * np.sqrt(np.clip(reflectance, 0, 1))).astype(np.uint8))
 
 
 def _blend(image: UInt8[np.ndarray, "s s 3"], mask: UInt8[np.ndarray, "s s"], reflectance: Float[np.ndarray, "3"]) -> None:
@@ -159,9 +163,9 @@ def _rounded(mask: UInt8[np.ndarray, "s s"], radius_m: float) -> UInt8[np.ndarra
     width = 2 * int(radius_m / (CELL_M * _COARSE)) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
     closed = cv2.GaussianBlur(cv2.morphologyEx(coarse, cv2.MORPH_CLOSE, disc), (5, 5), 0)
-    soft = cv2.resize(closed, (size, size), interpolation=cv2.INTER_CUBIC).astype(np.float32)
-    sharp = np.clip((soft - 127.5) * 4 + 127.5, 0, 255).astype(np.uint8)
-    return cv2.max(mask, sharp)
+    soft = cv2.resize(closed, (size, size), interpolation=cv2.INTER_CUBIC)
+    steeper = np.clip((np.arange(256) - 127.5) * 4 + 127.5, 0, 255).astype(np.uint8)
+    return cv2.max(mask, cv2.LUT(soft, steeper))
 
 
 def _open_stretches(road: Road, extra_m: float) -> list[tuple[float, float]]:
@@ -177,7 +181,9 @@ def _dashes(stretches: list[tuple[float, float]], dash_m: float, gap_m: float) -
     return [(s, min(s + dash_m, end)) for start, end in stretches for s in np.arange(start, end, dash_m + gap_m)]
 
 
-def _markings(canvas: _Canvas, white: np.ndarray, centre: np.ndarray, road: Road, rng: np.random.Generator, is_side: bool) -> None:
+def _markings(
+    canvas: _Canvas, white: np.ndarray, centre: np.ndarray, road: Road, rng: np.random.Generator, is_side: bool
+) -> None:
     free = _open_stretches(road, 0.4)
     if road.lanes > 1 or rng.random() < 0.4:
         canvas.line(centre, road.centre, 0.12, 0.11, free)
@@ -201,7 +207,13 @@ def _markings(canvas: _Canvas, white: np.ndarray, centre: np.ndarray, road: Road
                 continue
             # the stop line is for those who drive towards the crossing: right of the centre line in their direction
             towards = -1 if sign < 0 else 1
-            canvas.line(white, road.centre, towards * road.lanes * road.lane_m / 2, road.lanes * road.lane_m - 0.2, [(stop - 0.2, stop + 0.2)])
+            canvas.line(
+                white,
+                road.centre,
+                towards * road.lanes * road.lane_m / 2,
+                road.lanes * road.lane_m - 0.2,
+                [(stop - 0.2, stop + 0.2)],
+            )
             walk = (min(near, near + sign * CROSSWALK_M), max(near, near + sign * CROSSWALK_M))
             for left in np.arange(-road.half_m(-1) + 0.5, road.half_m(1) - 0.3, 1.0):
                 canvas.line(white, road.centre, left, 0.5, [walk])

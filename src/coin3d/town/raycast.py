@@ -27,13 +27,14 @@ class _Structure:
             self._scene, np.ascontiguousarray(mesh.vertices, dtype=np.float32), np.ascontiguousarray(mesh.faces, dtype=np.int32)
         )
 
-    def nearest(self, origins: Float[np.ndarray, "n 3"], rays: Float[np.ndarray, "n 3"], limit: Float[np.ndarray, "n"]
-                ) -> tuple[Float[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    def nearest(
+        self, origins: Float[np.ndarray, "n 3"], rays: Float[np.ndarray, "n 3"], limit: Float[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "n"], Int[np.ndarray, "n"]]:
         found = self._scene.run(origins, rays, limit, query="INTERSECT", output=1)
         return found["tfar"], found["primID"]
 
     def blocked(self, origins: Float[np.ndarray, "n 3"], rays: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-        return np.asarray(self._scene.run(origins, rays, query="OCCLUDED")) == 0
+        return np.asarray(np.asarray(self._scene.run(origins, rays, query="OCCLUDED")) == 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,4 +101,4 @@ def face_normals(mesh: Mesh) -> Float[np.ndarray, "f 3"]:
     """Unit normals of all faces."""
     corner = mesh.vertices[mesh.faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    return (normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)).astype(np.float32)
+    return np.asarray((normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)).astype(np.float32))

@@ -106,8 +106,12 @@ def _settings(job: SceneJob) -> dict[str, Any]:
         for name, c in job.rig.items()
     }
     return {
-        "town_format": TOWN_FORMAT, "options": job.options.to_dict(), "key_frames": job.key_frames, "sweeps": job.sweeps,
-        "true_depth": job.true_depth, "rig": {"name": job.rig.name, "pixel_origin": "edge", "cameras": cameras},
+        "town_format": TOWN_FORMAT,
+        "options": job.options.to_dict(),
+        "key_frames": job.key_frames,
+        "sweeps": job.sweeps,
+        "true_depth": job.true_depth,
+        "rig": {"name": job.rig.name, "pixel_origin": "edge", "cameras": cameras},
     }
 
 
@@ -119,4 +123,6 @@ def _check_settings(out: Path, settings: dict[str, Any]) -> None:
     there = json.loads(path.read_text())
     changed = [key for key in settings if there.get(key) != settings[key]]
     if changed:
-        raise ValueError(f"{path}: the folder holds a recording with other {', '.join(changed)}; choose another folder or delete it")
+        raise ValueError(
+            f"{path}: the folder holds a recording with other {', '.join(changed)}; choose another folder or delete it"
+        )

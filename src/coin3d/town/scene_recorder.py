@@ -69,11 +69,13 @@ class SceneJob:
             raise ValueError(f"a scene has at least one key frame, got {self.key_frames}")
         if (self.key_frames - 1) * KEY_FRAME_S > self.options.duration_s:
             raise ValueError(
-                f"{self.key_frames} key frames last {(self.key_frames - 1) * KEY_FRAME_S:g} s but the town's traffic is planned "
+                f"{self.key_frames} key frames last {(self.key_frames - 1) * KEY_FRAME_S:g} s but traffic is planned "
                 f"for {self.options.duration_s:g} s: set duration_s in TownOptions"
             )
         if not self.rig.ground.is_default:
-            raise ValueError(f"rig '{self.rig.name}': a town is recorded by a rig whose ego origin stands on the ground (z = 0)")
+            raise ValueError(
+                f"rig '{self.rig.name}': a town is recorded by a rig whose ego origin stands on the ground (z = 0)"
+            )
         for name, camera in self.rig.items():
             if not isinstance(camera.lens, Pinhole):
                 raise ValueError(f"camera '{name}' has the lens {camera.lens}; nuScenes tables hold pinhole cameras only")
@@ -135,8 +137,11 @@ class _SceneRecorder:
     def _key_frame(self, k: int) -> None:
         time_s = k * KEY_FRAME_S
         moment = self.tracer.at(time_s)
-        sample = {
-            "token": self._token("sample", k), "timestamp": self._timestamp_us(time_s), "prev": "", "next": "",
+        sample: Row = {
+            "token": self._token("sample", k),
+            "timestamp": self._timestamp_us(time_s),
+            "prev": "",
+            "next": "",
             "scene_token": self._token("scene"),
         }
         self.rows["sample"].append(sample)
@@ -147,17 +152,27 @@ class _SceneRecorder:
             self._store_image(name, view, time_s, k)
         self._annotate(moment, world_from_ego, points_world, sample["token"])
 
-    def _data(self, channel: str, folder: str, suffix: str, time_s: float, k: int, size: tuple[int, int], key: bool) -> tuple[Row, Pose]:
+    def _data(
+        self, channel: str, folder: str, suffix: str, time_s: float, k: int, size: tuple[int, int], key: bool
+    ) -> tuple[Row, Pose]:
         """A row of sample_data with its ego pose."""
         stamp = self._timestamp_us(time_s)
         name = self._token(channel, stamp)
         pose_row = {"token": name, "timestamp": stamp, **pose_fields(self.world.world_from_ego(time_s))}
         self.rows["ego_pose"].append(pose_row)
         row = {
-            "token": name, "sample_token": self._token("sample", k), "ego_pose_token": name,
-            "calibrated_sensor_token": self.calibration[channel]["token"], "timestamp": stamp,
-            "fileformat": "jpg" if suffix == ".jpg" else "pcd", "is_key_frame": key, "height": size[1], "width": size[0],
-            "filename": f"{folder}/{channel}/{self.job.name}__{channel}__{stamp}{suffix}", "prev": "", "next": "",
+            "token": name,
+            "sample_token": self._token("sample", k),
+            "ego_pose_token": name,
+            "calibrated_sensor_token": self.calibration[channel]["token"],
+            "timestamp": stamp,
+            "fileformat": "jpg" if suffix == ".jpg" else "pcd",
+            "is_key_frame": key,
+            "height": size[1],
+            "width": size[0],
+            "filename": f"{folder}/{channel}/{self.job.name}__{channel}__{stamp}{suffix}",
+            "prev": "",
+            "next": "",
         }
         self.rows["sample_data"].append(row)
         self.chains[channel].append(row)
@@ -194,10 +209,16 @@ class _SceneRecorder:
             name = str(boxes.instance_ids[i])
             attribute = self.world.actors[self.world.number_of[name] - 1].attribute
             row = {
-                "token": self._token("annotation", sample_token, name), "sample_token": sample_token,
-                "instance_token": token(*self.town, name), "visibility_token": visibility_token(float(shares[i])),
-                "attribute_tokens": [token("attribute", attribute)], **box_fields(boxes, int(i)), "prev": "", "next": "",
-                "num_lidar_pts": int(counts[i]), "num_radar_pts": 0,
+                "token": self._token("annotation", sample_token, name),
+                "sample_token": sample_token,
+                "instance_token": token(*self.town, name),
+                "visibility_token": visibility_token(float(shares[i])),
+                "attribute_tokens": [token("attribute", attribute)],
+                **box_fields(boxes, int(i)),
+                "prev": "",
+                "next": "",
+                "num_lidar_pts": int(counts[i]),
+                "num_radar_pts": 0,
             }
             self.annotations.setdefault(name, []).append(row)
             self.rows["sample_annotation"].append(row)
@@ -211,23 +232,44 @@ class _SceneRecorder:
             chain(rows)
             category = self.world.actors[self.world.number_of[name] - 1].category
             self.rows["instance"].append(
-                {"token": rows[0]["instance_token"], "category_token": token("category", category), "nbr_annotations": len(rows),
-                 "first_annotation_token": rows[0]["token"], "last_annotation_token": rows[-1]["token"]}
+                {
+                    "token": rows[0]["instance_token"],
+                    "category_token": token("category", category),
+                    "nbr_annotations": len(rows),
+                    "first_annotation_token": rows[0]["token"],
+                    "last_annotation_token": rows[-1]["token"],
+                }
             )
         samples = self.rows["sample"]
         self.rows["scene"].append(
-            {"token": self._token("scene"), "log_token": self._token("log"), "nbr_samples": len(samples), "name": self.job.name,
-             "description": f"town of seed {self.job.seed}", "first_sample_token": samples[0]["token"],
-             "last_sample_token": samples[-1]["token"]}
+            {
+                "token": self._token("scene"),
+                "log_token": self._token("log"),
+                "nbr_samples": len(samples),
+                "name": self.job.name,
+                "description": f"town of seed {self.job.seed}",
+                "first_sample_token": samples[0]["token"],
+                "last_sample_token": samples[-1]["token"],
+            }
         )
         self.rows["log"].append(
-            {"token": self._token("log"), "logfile": self.job.name, "vehicle": self.job.rig.name, "date_captured": "2020-09-13",
-             "location": "town"}
+            {
+                "token": self._token("log"),
+                "logfile": self.job.name,
+                "vehicle": self.job.rig.name,
+                "date_captured": "2020-09-13",
+                "location": "town",
+            }
         )
         filename = f"maps/{self.job.name}.png"
         _write_image(self.job.out / filename, _map_image(self.world.plan), [])
         self.rows["map"].append(
-            {"token": self._token("map"), "log_tokens": [self._token("log")], "category": "semantic_prior", "filename": filename}
+            {
+                "token": self._token("map"),
+                "log_tokens": [self._token("log")],
+                "category": "semantic_prior",
+                "filename": filename,
+            }
         )
 
 

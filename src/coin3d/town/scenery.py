@@ -56,7 +56,9 @@ def kerb_mesh(plan: GroundPlan, terrain: Terrain, rng: np.random.Generator) -> M
 def street_furniture(layout: Layout, plan: GroundPlan, built: Buildings, terrain: Terrain, rng: np.random.Generator) -> Mesh:
     """Everything upright beside the roads."""
     meshes: list[Mesh] = []
-    green = np.array([0.055, 0.11, 0.03]) * rng.uniform(0.7, 1.6) * np.array([rng.choice([1.0, 1.6, 2.2], p=[0.7, 0.2, 0.1]), 1, 1])
+    green = (
+        np.array([0.055, 0.11, 0.03]) * rng.uniform(0.7, 1.6) * np.array([rng.choice([1.0, 1.6, 2.2], p=[0.7, 0.2, 0.1]), 1, 1])
+    )
     lamp_gap, tree_gap = rng.uniform(22, 38), rng.uniform(8, 28)
     for road in layout.roads:
         for side in (-1, 1):
@@ -65,7 +67,9 @@ def street_furniture(layout: Layout, plan: GroundPlan, built: Buildings, terrain
                     meshes.append(_standing(_lamp(rng), road, s, side, 0.5, terrain))
             for s in np.arange(rng.uniform(3, 20), road.centre.length_m, tree_gap):
                 if rng.random() < 0.75 and road.clear_of_crossings(s, 3.0):
-                    meshes.append(_standing(_tree(rng, green, rng.uniform(4.5, 8)), road, s + rng.uniform(-1, 1), side, 0.9, terrain))
+                    meshes.append(
+                        _standing(_tree(rng, green, rng.uniform(4.5, 8)), road, s + rng.uniform(-1, 1), side, 0.9, terrain)
+                    )
             for s in rng.uniform(0, road.centre.length_m, 8):
                 if road.clear_of_crossings(s, 2.0):
                     meshes.append(_standing(_small_thing(rng), road, s, side, rng.uniform(0.35, 0.6), terrain))
@@ -93,8 +97,11 @@ def _standing(thing: Mesh, road: Road, s: float, side: int, from_kerb_m: float, 
 def _lamp(rng: np.random.Generator) -> Mesh:
     grey, height = np.full(3, 0.12), 7.0
     return Mesh.merge(
-        [cylinder((0, 0, 0), (0, 0, height), 0.09, grey, 6, 0.06), cylinder((0, 0, height), (1.6, 0, height + 0.3), 0.045, grey, 5),
-         box((1.8, 0, height + 0.3), (0.7, 0.26, 0.1), grey)]
+        [
+            cylinder((0, 0, 0), (0, 0, height), 0.09, grey, 6, 0.06),
+            cylinder((0, 0, height), (1.6, 0, height + 0.3), 0.045, grey, 5),
+            box((1.8, 0, height + 0.3), (0.7, 0.26, 0.1), grey),
+        ]
     )
 
 
@@ -114,7 +121,9 @@ def _small_thing(rng: np.random.Generator) -> Mesh:
         return box((0, 0, 0.6), (0.45, 0.9, 1.2), np.array([0.25, 0.27, 0.26]))
     if kind == 2:
         return cylinder((0, 0, 0), (0, 0, 0.9), 0.06, np.array([0.5, 0.5, 0.48]), 6)
-    face = box((0.03, 0, 2.3), (0.03, 0.6, 0.6), np.array([[0.05, 0.12, 0.5], [0.6, 0.03, 0.03], [0.7, 0.7, 0.65]])[rng.integers(3)])
+    face = box(
+        (0.03, 0, 2.3), (0.03, 0.6, 0.6), np.array([[0.05, 0.12, 0.5], [0.6, 0.03, 0.03], [0.7, 0.7, 0.65]])[rng.integers(3)]
+    )
     return Mesh.merge([cylinder((0, 0, 0), (0, 0, 2.6), 0.035, np.full(3, 0.3), 5), face])
 
 
@@ -127,8 +136,17 @@ def _tree(rng: np.random.Generator, green: Float[np.ndarray, "3"], height: float
     for _ in range(int(rng.integers(4, 7))):
         radius = spread * rng.uniform(0.55, 0.95)
         centre = np.append(rng.uniform(-0.55, 0.55, 2) * spread, rng.uniform(trunk + 0.45 * radius, height - radius))
-        parts.append(ball(centre, (radius, radius, radius * rng.uniform(0.75, 1.0)), shade * rng.uniform(0.85, 1.15), Material.FOLIAGE,
-                          5, 9, rng.uniform(0.84, 1.14, 64)))
+        parts.append(
+            ball(
+                centre,
+                (radius, radius, radius * rng.uniform(0.75, 1.0)),
+                shade * rng.uniform(0.85, 1.15),
+                Material.FOLIAGE,
+                5,
+                9,
+                rng.uniform(0.84, 1.14, 64),
+            )
+        )
     return Mesh.merge(parts)
 
 

@@ -34,7 +34,7 @@ class ContactShade:
         """Share of the sky's light that reaches the ground."""
         grid = (xy - self._low) / _CELL_M
         cell = np.clip(grid.astype(np.int32), 0, len(self._light) - 1)
-        return self._light[cell[:, 1], cell[:, 0]]
+        return np.asarray(self._light[cell[:, 1], cell[:, 0]])
 
 
 def shade(
@@ -128,8 +128,12 @@ def shade(
 
 
 def _reflection(
-    moment: Moment, unit: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"], facing: Float[np.ndarray, "n"],
-    gloss: Float[np.ndarray, "n"], sunlit: np.ndarray,
+    moment: Moment,
+    unit: Float[np.ndarray, "n 3"],
+    normal: Float[np.ndarray, "n 3"],
+    facing: Float[np.ndarray, "n"],
+    gloss: Float[np.ndarray, "n"],
+    sunlit: np.ndarray,
 ) -> Float[np.ndarray, "n 3"]:
     """Mirror image of sky, horizon and sun, stronger at grazing angles."""
     sky = moment.world.sky
@@ -143,11 +147,11 @@ def _reflection(
     seen = street * (1 - s) + above * s
     towards = np.clip(mirrored @ sky.sun_direction.astype(np.float32), 0, 1)
     glint = np.where(sunlit, towards**90, 0)[:, None] * sky.sun.astype(np.float32) * 0.8
-    return fresnel[:, None] * seen + glint * np.minimum(gloss * 10, 1)[:, None]
+    return np.asarray(fresnel[:, None] * seen + glint * np.minimum(gloss * 10, 1)[:, None])
 
 
 def developed(radiance: Float[np.ndarray, "... 3"], exposure: float) -> UInt8[np.ndarray, "... 3"]:
     """Tone curve and gamma: linear radiance to the 8-bit values of a photograph."""
     x = np.maximum(radiance * np.float32(1.25 * exposure), 0)
     curve = x * (1 + x / np.float32(5.0)) / (1 + x)
-    return np.clip(np.power(curve, np.float32(0.47)) * np.float32(262) - np.float32(8), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.power(curve, np.float32(0.47)) * np.float32(262) - np.float32(8), 0, 255).astype(np.uint8))

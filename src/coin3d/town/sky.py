@@ -43,15 +43,36 @@ def random_sky(rng: np.random.Generator) -> Sky:
     blue, grey = np.array([0.22, 0.42, 0.80]), np.array([0.72, 0.75, 0.78])
     look = {
         "clear": (np.array([2.5, 2.35, 2.1]), blue, np.array([0.70, 0.80, 0.92]), 0.55, 900.0, rng.uniform(0.1, 0.5)),
-        "hazy": (np.array([1.7, 1.6, 1.45]), 0.5 * (blue + grey), np.array([0.85, 0.87, 0.88]), 0.7, 320.0, rng.uniform(0.3, 0.8)),
+        "hazy": (
+            np.array([1.7, 1.6, 1.45]),
+            0.5 * (blue + grey),
+            np.array([0.85, 0.87, 0.88]),
+            0.7,
+            320.0,
+            rng.uniform(0.3, 0.8),
+        ),
         "overcast": (np.array([0.25, 0.25, 0.25]), 0.85 * grey, np.array([0.82, 0.83, 0.84]), 1.15, 450.0, 0.9),
-        "evening": (np.array([2.2, 1.45, 0.8]), np.array([0.26, 0.36, 0.62]), np.array([0.98, 0.72, 0.48]), 0.5, 600.0, rng.uniform(0.2, 0.7)),
+        "evening": (
+            np.array([2.2, 1.45, 0.8]),
+            np.array([0.26, 0.36, 0.62]),
+            np.array([0.98, 0.72, 0.48]),
+            0.5,
+            600.0,
+            rng.uniform(0.2, 0.7),
+        ),
     }[str(kind)]
     sun, zenith, horizon, level, haze, cloud = look
     ambient = level * (0.6 * zenith + 0.4 * horizon)
     direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     bounce = 0.22 * (ambient + sun * np.sin(elevation) * 0.6)
     return Sky(
-        direction, sun * tint, zenith * tint, horizon * tint, ambient * tint, bounce * tint, float(cloud),
-        float(haze * rng.uniform(0.7, 1.4)), float(rng.uniform(0.85, 1.15)) * (1.0 if kind != "overcast" else 1.05),
+        direction,
+        sun * tint,
+        zenith * tint,
+        horizon * tint,
+        ambient * tint,
+        bounce * tint,
+        float(cloud),
+        float(haze * rng.uniform(0.7, 1.4)),
+        float(rng.uniform(0.85, 1.15)) * (1.0 if kind != "overcast" else 1.05),
     )

@@ -20,7 +20,7 @@ def _noise_tile() -> Float[np.ndarray, "s s"]:
 
 def hashed(a: Int[np.ndarray, "n"], b: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     """A number in [0, 1) for every cell."""
-    return _noise_tile()[a & (_TILE - 1), b & (_TILE - 1)]
+    return np.asarray(_noise_tile()[a & (_TILE - 1), b & (_TILE - 1)])
 
 
 def noise(x: Float[np.ndarray, "n"], y: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
@@ -30,10 +30,12 @@ def noise(x: Float[np.ndarray, "n"], y: Float[np.ndarray, "n"]) -> Float[np.ndar
     i, j = fx.astype(np.int32) & (_TILE - 1), fy.astype(np.int32) & (_TILE - 1)
     i1, j1 = (i + 1) & (_TILE - 1), (j + 1) & (_TILE - 1)
     tile = _noise_tile()
-    return (tile[i, j] * (1 - u) + tile[i1, j] * u) * (1 - v) + (tile[i, j1] * (1 - u) + tile[i1, j1] * u) * v
+    return np.asarray((tile[i, j] * (1 - u) + tile[i1, j] * u) * (1 - v) + (tile[i, j1] * (1 - u) + tile[i1, j1] * u) * v)
 
 
-def ground_colour(plan: GroundPlan, xy: Float[np.ndarray, "n 2"], footprint_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n 3"]:
+def ground_colour(
+    plan: GroundPlan, xy: Float[np.ndarray, "n 2"], footprint_m: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n 3"]:
     """Reflectance of the ground from the level of the plan that fits the footprint."""
     level = np.clip(np.round(np.log2(np.maximum(footprint_m, 1e-3) / CELL_M)), 0, len(plan.levels) - 1).astype(np.int32)
     colour = np.empty((len(xy), 3), dtype=np.float32)
@@ -48,7 +50,9 @@ def ground_colour(plan: GroundPlan, xy: Float[np.ndarray, "n 2"], footprint_m: F
         flat = image.reshape(-1, 3)
         at = cell[:, 1] * size + cell[:, 0]
         u, v = weight[:, :1], weight[:, 1:]
-        colour[rows] = (flat[at] * (1 - u) + flat[at + 1] * u) * (1 - v) + (flat[at + size] * (1 - u) + flat[at + size + 1] * u) * v
+        colour[rows] = (flat[at] * (1 - u) + flat[at + 1] * u) * (1 - v) + (
+            flat[at + size] * (1 - u) + flat[at + size + 1] * u
+        ) * v
     grain = noise(xy[:, 0] * 23, xy[:, 1] * 23) - 0.5
     colour *= (1 + 0.3 * grain / (1 + (footprint_m / 0.05) ** 2))[:, None]
     return (colour / 255) ** 2
@@ -59,14 +63,17 @@ def _covered(x: Float[np.ndarray, "n"], duty: Float[np.ndarray, "n"], width: Flo
 
     def integral(t: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         whole = np.floor(t)
-        return whole * duty + np.clip(t - whole - (1 - duty) / 2, 0, duty)
+        return np.asarray(whole * duty + np.clip(t - whole - (1 - duty) / 2, 0, duty))
 
     half = np.clip(width, 0.02, 4.0) / 2
-    return (integral(x + half) - integral(x - half)) / (2 * half)
+    return np.asarray((integral(x + half) - integral(x - half)) / (2 * half))
 
 
 def wall_colour(
-    walls: Float[np.ndarray, "n 14"], base: Float[np.ndarray, "n 3"], points: Float[np.ndarray, "n 3"], footprint_m: Float[np.ndarray, "n"]
+    walls: Float[np.ndarray, "n 14"],
+    base: Float[np.ndarray, "n 3"],
+    points: Float[np.ndarray, "n 3"],
+    footprint_m: Float[np.ndarray, "n"],
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
     """Reflectance of facades and the share of glass in each pixel; ``walls`` are rows of ``Wall.row``."""
     x0, y0, dx, dy, base_z, floor, bay, window_w, window_h, shop = (walls[:, k] for k in range(10))
@@ -80,7 +87,10 @@ def wall_colour(
     frame = _covered(u, np.minimum(wide + 0.10, 1), fu) * _covered(v, np.minimum(high + 0.08, 1), fv)
     cross = _covered(u * 1.0 + 0.5, np.float32(0.025) * np.ones_like(u), fu)
     glass = glass * (1 - cross)
-    cell = hashed(np.floor(u).astype(np.int32) + (seed * 251).astype(np.int32), np.floor(v).astype(np.int32) + (seed * 83).astype(np.int32))
+    cell = hashed(
+        np.floor(u).astype(np.int32) + (seed * 251).astype(np.int32),
+        np.floor(v).astype(np.int32) + (seed * 83).astype(np.int32),
+    )
     far = np.clip(fu * 1.5, 0, 1)
     pane = 0.02 + 0.22 * ((1 - far) * cell**3 + far * 0.25)
     brick = noise(u * bay * 1.7, v * floor * 3.1) - 0.5
@@ -106,4 +116,4 @@ def sky_colour(sky: Sky, rays: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n
     colour = colour * (1 - cover[:, None]) + white * cover[:, None]
     towards = np.clip(rays @ sky.sun_direction.astype(np.float32), 0, 1)
     glow = 0.35 * towards**8 + 0.8 * towards**200
-    return colour + glow[:, None] * (sky.sun * 0.25).astype(np.float32)
+    return np.asarray(colour + glow[:, None] * (sky.sun * 0.25).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Fills the streets. Everybody keeps to a lane of the right-hand side; whoever would touch somebody at any time stays at home."""
+"""Fills the streets. Everybody keeps right; whoever would touch somebody at any time stays at home."""
 
 from __future__ import annotations
 
@@ -52,11 +52,28 @@ class Crowd:
     actors: list[Actor] = field(default_factory=list)
     tracks: list[tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, "t"], np.ndarray]] = field(default_factory=list)
 
-    def try_add(self, body: Body, path: Path, start_m: float, travel: Travel, attribute: str, margin_m: float = 0.2, ahead_m: float = 0.0) -> bool:
+    def try_add(
+        self,
+        body: Body,
+        path: Path,
+        start_m: float,
+        travel: Travel,
+        attribute: str,
+        margin_m: float = 0.2,
+        ahead_m: float = 0.0,
+    ) -> bool:
         """Add unless it would come closer than ``margin_m`` (and ``ahead_m`` more along its heading) to anybody at any time."""
         actor = Actor(
-            f"actor-{len(self.actors):04d}", body.category, body.size_m, path, start_m, travel, body.postures,
-            1.5, attribute, body.half_base_m,
+            f"actor-{len(self.actors):04d}",
+            body.category,
+            body.size_m,
+            path,
+            start_m,
+            travel,
+            body.postures,
+            1.5,
+            attribute,
+            body.half_base_m,
         )
         if not 0 <= start_m <= path.length_m:
             return False
@@ -121,8 +138,15 @@ def _ego_route(layout: Layout, rng: np.random.Generator) -> tuple[EgoRoute, bool
     return EgoRoute(lane, lane.length_m / 2 - rng.uniform(15, 40), swing), False
 
 
-def _stream(crowd: Crowd, path: Path, travel: Travel, gap_m: float, rng: np.random.Generator, start_m: float = 2.0,
-            end_m: float = np.inf) -> None:
+def _stream(
+    crowd: Crowd,
+    path: Path,
+    travel: Travel,
+    gap_m: float,
+    rng: np.random.Generator,
+    start_m: float = 2.0,
+    end_m: float = np.inf,
+) -> None:
     """Vehicles one behind the other, all with the same motion, so that gaps stay."""
     s = start_m + rng.uniform(0, gap_m)
     while s < min(path.length_m, end_m) - 3:
@@ -144,10 +168,17 @@ def _drive(crowd: Crowd, road: Road, gap_m: float, often_red: bool, ego: EgoRout
             lane = road.lane(side, index)
             travel = Travel(speed * rng.uniform(0.9, 1.1), 0.1 * speed, rng.uniform(0.4, 0.8))
             begin = 2.0
-            lights = [] if not red else [
-                (lane.nearest_m(road.centre.at(at + side * (reach + 0.9))), lane.nearest_m(road.centre.at(at - side * reach)))
-                for at, reach in road.crossings_m
-            ]
+            lights = (
+                []
+                if not red
+                else [
+                    (
+                        lane.nearest_m(road.centre.at(at + side * (reach + 0.9))),
+                        lane.nearest_m(road.centre.at(at - side * reach)),
+                    )
+                    for at, reach in road.crossings_m
+                ]
+            )
             for stop, beyond in sorted(lights):
                 if stop > begin + 15:
                     _queue(crowd, lane, begin, stop, travel, gap_m, rng)
@@ -160,7 +191,9 @@ def _drive(crowd: Crowd, road: Road, gap_m: float, often_red: bool, ego: EgoRout
             crowd.try_add(random_cyclist(rng), track, s, pace, "cycle.with_rider", 0.15)
 
 
-def _queue(crowd: Crowd, lane: Path, begin_m: float, stop_m: float, travel: Travel, gap_m: float, rng: np.random.Generator) -> None:
+def _queue(
+    crowd: Crowd, lane: Path, begin_m: float, stop_m: float, travel: Travel, gap_m: float, rng: np.random.Generator
+) -> None:
     """Vehicles standing at, or braking towards, the end of a queue."""
     waiting = int(rng.integers(0, 5))
     front, s = stop_m, stop_m
@@ -213,7 +246,14 @@ def _people(crowd: Crowd, road: Road, factor: float, rng: np.random.Generator) -
             ways = [road.centre.nearest_m(track.at(start + travel.distance_m(t))) for t in (0.0, crowd.times_s[-1])]
             if any(min(ways) - 1 < at + reach - 5 and max(ways) + 1 > at - reach + 5 for at, reach in road.crossings_m):
                 continue
-            crowd.try_add(random_pedestrian(rng, walking), track, start, travel, "pedestrian.moving" if walking else "pedestrian.standing", 0.2)
+            crowd.try_add(
+                random_pedestrian(rng, walking),
+                track,
+                start,
+                travel,
+                "pedestrian.moving" if walking else "pedestrian.standing",
+                0.2,
+            )
         for s in rng.uniform(5, road.centre.length_m - 5, int(rng.poisson(2 * factor))):
             if road.clear_of_crossings(s, 2):
                 track = road.centre.offset(side * (half + rng.uniform(0.9, 1.3)))
@@ -227,7 +267,10 @@ def _people(crowd: Crowd, road: Road, factor: float, rng: np.random.Generator) -
             across = np.array([-np.sin(yaw), np.cos(yaw)])
             for _ in range(int(rng.poisson(1.6 * factor))):
                 shift = rng.uniform(-1.2, 1.2) * np.array([np.cos(yaw), np.sin(yaw)])
-                ends = [road.centre.at(middle) + shift + k * (road.widest_half_m + 18) * across for k in (-1, 1)]
-                track = Path(np.linspace(*(ends if rng.random() < 0.5 else ends[::-1]), 30))
+                reach_m = road.widest_half_m + 18
+                way = np.linspace(-reach_m, reach_m, 30)[:, None] * across * rng.choice([-1.0, 1.0])
+                track = Path(road.centre.at(middle) + shift + way)
                 start = rng.uniform(4, track.length_m - 16)
-                crowd.try_add(random_pedestrian(rng, True), track, start, Travel(rng.uniform(0.9, 1.6)), "pedestrian.moving", 0.5)
+                crowd.try_add(
+                    random_pedestrian(rng, True), track, start, Travel(rng.uniform(0.9, 1.6)), "pedestrian.moving", 0.5
+                )

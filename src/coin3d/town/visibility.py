@@ -35,7 +35,7 @@ def visible_share(moment: Moment, rig: Rig, world_from_ego: Pose, names: Sequenc
         rays = points[row, column] - origin
         hits = moment.cast(np.broadcast_to(origin.astype(np.float32), rays.shape), rays)
         seen[row, column] |= (hits.face >= 0) & (moment.actor[np.maximum(hits.face, 0)] == numbers[row])
-    return seen.mean(1)
+    return np.asarray(seen.mean(1))
 
 
 def _surface_points(moment: Moment, number: int) -> Float[np.ndarray, "s 3"]:

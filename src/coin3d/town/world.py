@@ -64,8 +64,12 @@ class World:
         step = 0.05
         ahead = np.array([a.pose(time_s + step)[0] for a in present])
         return Boxes3D.create(
-            np.column_stack([xy, z]), size, [float(p[1]) for p in poses], [a.category for a in present],
-            velocity_mps=(ahead - xy) / step, instance_ids=[a.name for a in present],
+            np.column_stack([xy, z]),
+            size,
+            [float(p[1]) for p in poses],
+            [a.category for a in present],
+            velocity_mps=(ahead - xy) / step,
+            instance_ids=[a.name for a in present],
         )
 
     @cached_property
@@ -107,14 +111,27 @@ def build_world(seed: int, options: TownOptions | None = None) -> World:
     plan = paint_plan(layout, paint_rng)
     built = build_buildings(layout, plan, terrain, house_rng)
     ego, actors = fill_streets(layout, options, crowd_rng)
-    parts = [ground_mesh(layout, terrain), *built.meshes, kerb_mesh(plan, terrain, thing_rng),
-             street_furniture(layout, plan, built, terrain, thing_rng)]
+    parts = [
+        ground_mesh(layout, terrain),
+        *built.meshes,
+        kerb_mesh(plan, terrain, thing_rng),
+        street_furniture(layout, plan, built, terrain, thing_rng),
+    ]
     numbers = [np.zeros(sum(len(m.faces) for m in parts), dtype=np.int32)]
     for number, actor in enumerate(actors, 1):
         if actor.is_still:
             parts.append(placed(actor, 0.0, terrain))
             numbers.append(np.full(len(parts[-1].faces), number, dtype=np.int32))
     return World(
-        seed, options, layout, terrain, plan, random_sky(sky_rng), ego, actors, Mesh.merge(parts), np.concatenate(numbers),
+        seed,
+        options,
+        layout,
+        terrain,
+        plan,
+        random_sky(sky_rng),
+        ego,
+        actors,
+        Mesh.merge(parts),
+        np.concatenate(numbers),
         built.wall_table(),
     )
