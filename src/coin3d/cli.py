@@ -74,6 +74,9 @@ def main(args: Sequence[str] | None = None) -> int:
         return _fail(f"no verb '{name}'{hint}")
     try:
         tyro.cli(VERBS[name], args=rest, prog=f"coin3d {name}")
+    except BrokenPipeError:  # whoever read our output has gone; without this the interpreter complains while it ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except (ValueError, OSError, ImportError) as error:
         if os.environ.get("COIN3D_DEBUG"):
             traceback.print_exc()

@@ -118,7 +118,7 @@ def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = 
             found = detector.detect_frames(frames, progress)
             report = score_frames(frames, found, MERGED_CAR, protocol)
             seconds[f"detect {method} on {rig}"] = round(time.monotonic() - began, 1)
-            tally.rows.append(result_row(detector, report, f"town, {SOURCE_RIG} rig", f"town, {rig} rig"))
+            tally.rows.append(result_row(detector, report, f"town-{SOURCE_RIG}", f"town-{rig}"))
             tally.reports.append((method, rig, report))
             _draw(tally, rig, method, frames, found, report, options)
     source, target = (preset_rig(name, options.width_px) for name in (SOURCE_RIG, TARGET_RIG))
@@ -164,7 +164,7 @@ def _draw(
         truth = filter_truth(MERGED_CAR.apply(frame.boxes), frame.rig, report.protocol)
         predictions = likely(found[frame.token], options.min_score)
         title = f"{method} on the {rig} rig, {frame.scene}"
-        pictures = frame_pictures(frame, predictions, truth, title=title, width_px=1500, top_px=700)
+        pictures = frame_pictures(frame, predictions, truth, title=title, width_px=1500)
         tally.shown.append((rig, method, pictures))
         tally.pictures += pictures.save(tally.out / "pictures", f"{rig}_{method}_{place}")
 

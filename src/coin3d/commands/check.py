@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 
-def check(path: Positional[Path], out: Path, frames: int = 3) -> None:
+def check(path: Annotated[Positional[Path], arg(metavar="RECORDING")], out: Path, frames: int = 3) -> None:
     """Draw LiDAR and boxes into every image of a recording, count, and say what looks wrong.
 
     Do this first with anything of your own: most failures on a new rig are a transform stored the wrong way round.

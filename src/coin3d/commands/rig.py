@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 if TYPE_CHECKING:
     from coin3d.geometry import Rig
 
 
-def rig(rig: Positional[str], out: Path, other: str | None = None) -> None:
+def rig(
+    rig: Annotated[Positional[str], arg(metavar="RIG")],
+    out: Path,
+    other: Annotated[str | None, arg(metavar="RIG", help_behavior_hint="(default: none)")] = None,
+) -> None:
     """Show a rig, or compare two: positions, fields of view, prior maps, growth of ground depth, Pluecker ring.
 
     Two rigs with different maps look different to a detector; CoIn3D gives it these maps to read.

@@ -27,7 +27,7 @@ PRIOR_FIELDS = {"IF": "inverse_focal", "GD": "ground_depth", "GG": "ground_gradi
 
 @dataclass(frozen=True)
 class Optimisation:
-    """How long and how fast; what is not given comes from the preset.
+    """How long and how fast; ``None`` leaves the preset's.
 
     Args:
         steps: optimiser steps.
@@ -57,7 +57,7 @@ class Optimisation:
 
 @dataclass(frozen=True)
 class CoIn3DFlags:
-    """Only with --method coin3d; the defaults are the paper's method without novel-view augmentation.
+    """The switches of the method; ``coin3d.methods.coin3d.CoIn3DOptions`` explains them.
 
     Args:
         focal_augmentation: zoom training images by 0.7 to 1.4, K follows.
@@ -127,16 +127,20 @@ def train(
         pretrained: start the backbone from ImageNet weights, which are downloaded.
         seed: of weights, data order and augmentation.
         device: auto, cpu, cuda, cuda:1 ...
+        optimisation: how long and how fast; what is not given comes from the preset.
+        coin3d: only with --method coin3d; the defaults are the paper's method without novel-view augmentation.
     """
     from coin3d.detectors import DETECTORS
     from coin3d.inference import checkpoint_path, resolve_device
     from coin3d.methods import METHODS
-    from coin3d.training.loop import LOG_FILE
+    from coin3d.training.loop import LOG_FILE, WEIGHTS_FILE
     from coin3d.training.options import TrainOptions
     from coin3d.training.train import train as run
 
     if not data:
         raise ValueError("name at least one recording to train on: coin3d train FOLDER --out RUN")
+    if (out / WEIGHTS_FILE).is_file():
+        raise ValueError(f"{out} holds a finished run; choose another folder, or delete it to train again")
     if method != "coin3d" and coin3d != CoIn3DFlags():
         changed = [name for name, value in vars(coin3d).items() if value != getattr(CoIn3DFlags(), name)]
         raise ValueError(f"--method {method} has no {', '.join(changed)}: these belong to --method coin3d")

@@ -18,7 +18,7 @@ _STYLE = """
   :root { --ink: #e6e9ee; --soft: #9aa4b2; --line: #343b46; --paper: #16191e; --shade: #1e2229; }
 }
 * { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 1280px; padding: 2rem 1.5rem 4rem; background: var(--paper); color: var(--ink);
+body { margin: 0 auto; max-width: 1500px; padding: 2rem 1.5rem 4rem; background: var(--paper); color: var(--ink);
        font: 16px/1.55 system-ui, sans-serif; }
 h1 { font-size: 1.9rem; margin: 0 0 .3rem; } h2 { margin: 2.6rem 0 .6rem; font-size: 1.35rem; } h3 { margin: 1.6rem 0 .4rem; }
 p { max-width: 52rem; } .lead { font-size: 1.1rem; color: var(--soft); }
@@ -31,7 +31,8 @@ figcaption { color: var(--soft); font-size: .92rem; margin-top: .35rem; }
 .pair { display: grid; grid-template-columns: minmax(0, 2.2fr) minmax(0, 1fr); gap: .8rem; align-items: start; }
 @media (max-width: 800px) { .pair { grid-template-columns: 1fr; } }
 .pair figure { margin: 0 0 .8rem; }
-pre { background: var(--shade); padding: .8rem 1rem; overflow-x: auto; font-size: .82rem; line-height: 1.4; border-radius: 6px; }
+pre { background: var(--shade); padding: .8rem 1rem; overflow-x: auto; border-radius: 6px;
+      font-size: .82rem; line-height: 1.4; }
 details summary { cursor: pointer; color: var(--soft); }
 .swatch { display: inline-block; width: .8em; height: .8em; border-radius: 2px; vertical-align: -0.05em; margin-right: .3em; }
 """
