@@ -19,8 +19,11 @@ class _Structure:
     """An embree scene of one mesh."""
 
     def __init__(self, mesh: Mesh) -> None:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
+        try:
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
+        except ImportError as error:
+            raise ImportError("the town is ray-cast with embreex (x86-64): pip install 'coin3d[town]'") from error
 
         self._scene: Any = EmbreeScene(robust=True)
         self._geometry = TriangleMesh(
