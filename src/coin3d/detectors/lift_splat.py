@@ -24,6 +24,8 @@ class DepthBins:
     def __post_init__(self) -> None:
         if not 0 < self.min_m < self.max_m or self.step_m <= 0:
             raise ValueError(f"depth bins need 0 < min < max and a positive step, got {self}")
+        if abs(self.count * self.step_m - (self.max_m - self.min_m)) > 1e-6:
+            raise ValueError(f"the range of the depth bins is not a whole number of steps: {self}")
 
     @property
     def count(self) -> int:
@@ -34,8 +36,8 @@ class DepthBins:
 
     def index(self, depth_m: Float[Tensor, "..."]) -> Int[Tensor, "..."]:
         """Bin of each depth, -1 outside the range (and for 0, 'unknown')."""
-        bins = torch.floor((depth_m - self.min_m) / self.step_m).long()
-        return torch.where((depth_m >= self.min_m) & (bins < self.count), bins, -1)
+        bins = torch.floor((depth_m - self.min_m) / self.step_m)
+        return torch.where((bins >= 0) & (bins < self.count), bins, -1.0).long()
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class BevGrid:
     def __post_init__(self) -> None:
         if self.cell_m <= 0 or self.half_extent_m <= 0 or self.z_min_m >= self.z_max_m:
             raise ValueError(f"a BEV grid needs positive extent and cells and z_min < z_max, got {self}")
+        if abs(self.side * self.cell_m - 2 * self.half_extent_m) > 1e-6:
+            raise ValueError(f"the BEV grid is not a whole number of cells wide: {self}")
 
     @property
     def side(self) -> int:
