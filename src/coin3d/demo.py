@@ -16,8 +16,8 @@ from coin3d.evaluation import Report, filter_truth
 from coin3d.geometry import Boxes3D, preset_rig
 from coin3d.inference import SHIPPED, TOWN_ONLY, LoadedDetector, load
 from coin3d.records import write_bytes
-from coin3d.report.demo_page import DemoPage, demo_page
-from coin3d.report.pictures import FramePictures, frame_pictures, likely
+from coin3d.report.demo_page import DemoPage, Shown, demo_page
+from coin3d.report.pictures import frame_pictures, likely
 from coin3d.report.rows import protocol_for, result_row, rows_table
 from coin3d.rig_report import compare_rigs
 from coin3d.town import record
@@ -91,7 +91,7 @@ class _Tally:
     rows: list[dict[str, Any]] = field(default_factory=list)
     reports: list[tuple[str, str, Report]] = field(default_factory=list)
     pictures: list[Path] = field(default_factory=list)
-    shown: list[tuple[str, str, FramePictures]] = field(default_factory=list)
+    shown: list[Shown] = field(default_factory=list)
 
 
 def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = print) -> DemoOutcome:
@@ -159,17 +159,19 @@ def _draw(
     options: DemoOptions,
 ) -> None:
     for place in range(options.shown):
+        # the middle of each of as many parts
         frame = frames[(2 * place + 1) * len(frames) // (2 * options.shown)]
         assert frame.boxes is not None
         truth = filter_truth(MERGED_CAR.apply(frame.boxes), frame.rig, report.protocol)
         predictions = likely(found[frame.token], options.min_score)
         title = f"{method} on the {rig} rig, {frame.scene}"
         pictures = frame_pictures(frame, predictions, truth, title=title, width_px=1500)
-        tally.shown.append((rig, method, pictures))
+        tally.shown.append(Shown(rig, method, place, pictures))
         tally.pictures += pictures.save(tally.out / "pictures", f"{rig}_{method}_{place}")
 
 
 def _about(detector: LoadedDetector) -> str:
     d = detector.description
     notes = d.get("notes") or "nothing is written about its training"
-    return f"{detector.path.name}: {d['detector']}, method {d['method']}, classes {', '.join(d['classes'])}; {notes}"
+    augmented = ", focal augmentation" if d["options"].get("focal_augmentation") else ""
+    return f"{detector.path.name}: {d['detector']}, method {d['method']}{augmented}, classes {', '.join(d['classes'])}; {notes}"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -33,6 +33,7 @@ class LidarScan:
     origin_ego: Float[np.ndarray, "3"]
 
 
+@runtime_checkable
 class LidarSource(Protocol):
     """Anything that can load a sweep when it is asked for."""
 
@@ -104,6 +105,7 @@ class Frame:
         return replace(self, boxes_world=boxes_world)
 
 
+@runtime_checkable
 class Recording(Protocol):
     """A sequence of frames: three methods, whatever the format on disk."""
 

@@ -18,6 +18,23 @@ TITLE = "CoIn3D demo: one detector, two camera rigs"
 
 
 @dataclass(frozen=True, eq=False)
+class Shown:
+    """A frame as one method saw it; frames with the same place are the same instant of the same world.
+
+    Args:
+        rig: through which it was recorded.
+        method: of the detector.
+        place: which of the frames that are shown.
+        pictures: with truth and predictions.
+    """
+
+    rig: str
+    method: str
+    place: int
+    pictures: FramePictures
+
+
+@dataclass(frozen=True, eq=False)
 class DemoPage:
     """Everything the report shows.
 
@@ -27,7 +44,7 @@ class DemoPage:
         frames_per_rig: how many frames were scored.
         worlds: from how many worlds.
         min_score: predictions below are not drawn.
-        shown: (rig, method, pictures).
+        shown: pictures of some frames.
         prior_maps: picture of the prior maps of both rigs.
         top_views: picture of where the cameras sit.
         difference: both rigs in words and numbers.
@@ -40,7 +57,7 @@ class DemoPage:
     frames_per_rig: int
     worlds: int
     min_score: float
-    shown: Sequence[tuple[str, str, FramePictures]]
+    shown: Sequence[Shown]
     prior_maps: Path
     top_views: Path
     difference: str
@@ -83,7 +100,7 @@ def _numbers(content: DemoPage) -> list[str]:
             f"(radians). {content.frames_per_rig} frames per rig from {content.worlds} worlds: a small sample, in which "
             "differences of a few hundredths mean nothing. "
             + "direct: with BEVDepth's own camera-aware gate (the paper's Direct Transfer). "
-            + "coin3d: spatial-aware feature modulation and focal augmentation."
+            + "coin3d: spatial-aware feature modulation, which reads the prior maps below."
         ),
         paragraph(f"Protocol: {report.protocol.describe()}."),
         "<details><summary>The same without the visibility and LiDAR filters, and per class</summary>",
@@ -100,12 +117,12 @@ def _pictures(content: DemoPage) -> list[str]:
         f"at least {content.min_score:g}. The front of a box is crossed. In the top view forward is up, rings are 10 m "
         "apart.</p>",
     ]
-    for rig in dict.fromkeys(rig for rig, _, _ in content.shown):
-        parts.append(f"<h3>{text(rig)} rig{'' if rig == content.shown[0][0] else ', never trained on'}</h3>")
-        for shown_rig, method, pictures in content.shown:
-            if shown_rig == rig:
-                cameras = figure(pictures.cameras, f"{method} on the {rig} rig")
-                parts.append(f'<div class="pair">{cameras}{figure(pictures.above, f"{method}, top view")}</div>')
+    for rig in dict.fromkeys(shown.rig for shown in content.shown):
+        parts.append(f"<h3>{text(rig)} rig{'' if rig == content.shown[0].rig else ', never trained on'}</h3>")
+        # one frame after the other, so that the methods can be compared
+        for shown in sorted((s for s in content.shown if s.rig == rig), key=lambda s: s.place):
+            cameras = figure(shown.pictures.cameras, f"{shown.method} on the {rig} rig")
+            parts.append(f'<div class="pair">{cameras}{figure(shown.pictures.above, f"{shown.method}, from above")}</div>')
     return parts
 
 

@@ -25,7 +25,7 @@ p { max-width: 52rem; } .lead { font-size: 1.1rem; color: var(--soft); }
 .note { border-left: 4px solid #d98e04; background: var(--shade); padding: .7rem 1rem; max-width: 56rem; }
 table { border-collapse: collapse; margin: .8rem 0; } .wide { overflow-x: auto; }
 th, td { padding: .4rem .8rem; border-bottom: 1px solid var(--line); text-align: right; font-variant-numeric: tabular-nums; }
-th { color: var(--soft); font-weight: 600; } th:first-child, td:first-child { text-align: left; } td.words { text-align: left; }
+th { color: var(--soft); font-weight: 600; } th.words, td.words { text-align: left; }
 figure { margin: 1rem 0 1.6rem; } figure img { width: 100%; height: auto; border-radius: 6px; display: block; }
 figcaption { color: var(--soft); font-size: .92rem; margin-top: .35rem; }
 .pair { display: grid; grid-template-columns: minmax(0, 2.2fr) minmax(0, 1fr); gap: .8rem; align-items: start; }
@@ -60,7 +60,8 @@ def paragraph(words: str, kind: str = "") -> str:
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str | float | int]]) -> str:
     """A table; fractions with three digits."""
-    head = "".join(f"<th>{text(cell)}</th>" for cell in header)
+    words = {i for row in rows for i, cell in enumerate(row) if isinstance(cell, str)}
+    head = "".join(f"<th{' class=words' if i in words else ''}>{text(cell)}</th>" for i, cell in enumerate(header))
     body = "\n".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows)
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>'
 
