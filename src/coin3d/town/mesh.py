@@ -90,8 +90,8 @@ def quad(corners: ArrayLike, colour: ArrayLike, material: Material = Material.MA
 
 
 def box(
-    centre_m: Sequence[float],
-    size_m: Sequence[float],
+    centre_m: ArrayLike,
+    size_m: ArrayLike,
     colour: ArrayLike,
     material: Material = Material.MATT,
     taper: tuple[float, float] = (1.0, 1.0),

@@ -36,17 +36,17 @@ def pedestrian(
     swing = 0.26 * stride
     parts: list[Mesh] = []
     for side, forward in ((1, swing), (-1, -swing)):
-        hip, knee = (0, side * 0.09, 0.90), (forward * 0.62 + 0.05 * abs(stride), side * 0.095, 0.48)
+        hip, knee = (0.0, side * 0.09, 0.90), (forward * 0.62 + 0.05 * abs(stride), side * 0.095, 0.48)
         foot = (forward * 1.15, side * 0.10, 0.09)
         parts += [cylinder(hip, knee, 0.085, trousers, 6, 0.065), cylinder(knee, foot, 0.065, trousers, 6, 0.05)]
         parts.append(box((foot[0] + 0.05, foot[1], 0.045), (0.25, 0.095, 0.09), TRIM))
-        shoulder, elbow = (0, side * 0.21, 1.40), (-forward * 0.5, side * 0.255, 1.12)
+        shoulder, elbow = (0.0, side * 0.21, 1.40), (-forward * 0.5, side * 0.255, 1.12)
         hand = (-forward * 0.95 + 0.05, side * 0.245, 0.88)
         parts += [cylinder(shoulder, elbow, 0.055, top, 6, 0.045), cylinder(elbow, hand, 0.045, top, 5, 0.035)]
         parts.append(ball(hand, 0.05, skin, rings=2, sides=5))
-    parts.append(_torso((0, 0, 0.86), (0.01, 0, 1.50), top))
-    parts.append(cylinder((0, 0, 1.45), (0.01, 0, 1.56), 0.055, skin, 6))
-    parts += _head((0.015, 0, 1.63), skin, hair)
+    parts.append(_torso((0.0, 0.0, 0.86), (0.01, 0.0, 1.50), top))
+    parts.append(cylinder((0.0, 0.0, 1.45), (0.01, 0.0, 1.56), 0.055, skin, 6))
+    parts += _head((0.015, 0.0, 1.63), skin, hair)
     figure = Mesh.merge(parts)
     scale = np.array([size_m[2] / 1.775] * 3, dtype=np.float32)
     fit = np.minimum(1.0, np.asarray(size_m, dtype=np.float32)[:2] / (2 * np.abs(figure.vertices[:, :2] * scale[:2]).max(0)))
@@ -65,18 +65,18 @@ def _spoked_wheel(x: float, radius: float, tyre: float) -> list[Mesh]:
 
 def bicycle(frame: Colour) -> list[Mesh]:
     """A bicycle, 1.75 m long, without rider."""
-    crank, seat, head = (-0.05, 0, 0.30), (-0.22, 0, 0.88), (0.40, 0, 0.86)
+    crank, seat, head = (-0.05, 0.0, 0.30), (-0.22, 0.0, 0.88), (0.40, 0.0, 0.86)
     parts = _spoked_wheel(-0.52, 0.345, 0.022) + _spoked_wheel(0.53, 0.345, 0.022)
-    for start, end in ((crank, seat), (crank, head), (seat, head), ((-0.52, 0, 0.345), crank), ((-0.52, 0, 0.345), seat)):
+    for start, end in ((crank, seat), (crank, head), (seat, head), ((-0.52, 0.0, 0.345), crank), ((-0.52, 0.0, 0.345), seat)):
         parts.append(cylinder(start, end, 0.024, frame, 5))
-    parts += [cylinder((0.36, 0, 1.02), (0.53, 0, 0.345), 0.022, frame, 5)]
+    parts += [cylinder((0.36, 0.0, 1.02), (0.53, 0.0, 0.345), 0.022, frame, 5)]
     parts += [
         cylinder((0.38, -0.28, 1.04), (0.38, 0.28, 1.04), 0.018, TRIM, 4),
-        box((-0.25, 0, 0.93), (0.24, 0.14, 0.06), TRIM),
+        box((-0.25, 0.0, 0.93), (0.24, 0.14, 0.06), TRIM),
     ]
     parts += [
-        box((0.47, 0, 0.92), (0.06, 0.08, 0.08), HEADLIGHT, Material.LAMP),
-        box((-0.42, 0, 0.80), (0.05, 0.08, 0.08), TAILLIGHT, Material.LAMP),
+        box((0.47, 0.0, 0.92), (0.06, 0.08, 0.08), HEADLIGHT, Material.LAMP),
+        box((-0.42, 0.0, 0.80), (0.05, 0.08, 0.08), TAILLIGHT, Material.LAMP),
     ]
     return parts
 
@@ -93,7 +93,7 @@ def _rider(
     """Someone leaning from the seat to the handlebar."""
     lean = 0.42 * (grip[0] - seat[0])
     neck = (seat[0] + lean, 0.0, seat[2] + 0.56)
-    parts = [_torso((seat[0], 0, seat[2] + 0.02), neck, top)]
+    parts = [_torso((seat[0], 0.0, seat[2] + 0.02), neck, top)]
     for side, up in ((1, 0.08), (-1, -0.08)):
         knee = (0.5 * (seat[0] + pedal[0]) + 0.25, side * 0.14, 0.5 * (seat[2] + pedal[2]) + 0.08 + up)
         foot = (pedal[0], side * 0.12, pedal[2] + up)
@@ -111,13 +111,13 @@ def _rider(
     return [
         *parts,
         ball(head, (0.10, 0.085, 0.125), skin),
-        ball((head[0] - 0.015, 0, head[2] + 0.045), (0.13, 0.105, 0.11), helmet),
+        ball((head[0] - 0.015, 0.0, head[2] + 0.045), (0.13, 0.105, 0.11), helmet),
     ]
 
 
 def cyclist(size_m: Float[np.ndarray, "3"], frame: Colour, top: Colour, trousers: Colour, skin: Colour, helmet: Colour) -> Mesh:
     """A bicycle with its rider."""
-    parts = bicycle(frame) + _rider((-0.22, 0, 0.93), (0.38, 0, 1.05), (-0.05, 0, 0.30), top, trousers, skin, helmet)
+    parts = bicycle(frame) + _rider((-0.22, 0.0, 0.93), (0.38, 0.0, 1.05), (-0.05, 0.0, 0.30), top, trousers, skin, helmet)
     return Mesh.merge(parts).fitted(size_m)
 
 
@@ -134,27 +134,27 @@ def motorcycle(size_m: Float[np.ndarray, "3"], paint: Colour, rider: tuple[Colou
             cylinder((x, -0.08, 0.31), (x, 0.08, 0.31), 0.16, TRIM * 6, 8),
         ]
     parts += [
-        box((0.0, 0, 0.48), (0.75, 0.30, 0.36), TRIM, taper=(0.8, 0.8)),
-        ball((0.16, 0, 0.82), (0.30, 0.17, 0.17), paint, Material.PAINT),
+        box((0.0, 0.0, 0.48), (0.75, 0.30, 0.36), TRIM, taper=(0.8, 0.8)),
+        ball((0.16, 0.0, 0.82), (0.30, 0.17, 0.17), paint, Material.PAINT),
     ]
     parts += [
-        box((-0.36, 0, 0.80), (0.72, 0.26, 0.12), TRIM, taper=(0.9, 0.8)),
-        box((-0.72, 0, 0.78), (0.3, 0.2, 0.16), paint, Material.PAINT, (0.6, 0.7)),
+        box((-0.36, 0.0, 0.80), (0.72, 0.26, 0.12), TRIM, taper=(0.9, 0.8)),
+        box((-0.72, 0.0, 0.78), (0.3, 0.2, 0.16), paint, Material.PAINT, (0.6, 0.7)),
     ]
     parts += [
-        cylinder((0.50, 0, 1.0), (0.70, 0, 0.31), 0.05, TRIM * 4, 6),
-        box((0.72, 0, 0.64), (0.46, 0.15, 0.06), paint, Material.PAINT),
+        cylinder((0.50, 0.0, 1.0), (0.70, 0.0, 0.31), 0.05, TRIM * 4, 6),
+        box((0.72, 0.0, 0.64), (0.46, 0.15, 0.06), paint, Material.PAINT),
     ]
     parts += [
         cylinder((0.42, -0.36, 1.05), (0.42, 0.36, 1.05), 0.022, TRIM, 5),
-        box((0.62, 0, 0.92), (0.12, 0.2, 0.2), HEADLIGHT, Material.LAMP),
+        box((0.62, 0.0, 0.92), (0.12, 0.2, 0.2), HEADLIGHT, Material.LAMP),
     ]
     parts += [
-        box((-0.88, 0, 0.80), (0.05, 0.16, 0.09), TAILLIGHT, Material.LAMP),
+        box((-0.88, 0.0, 0.80), (0.05, 0.16, 0.09), TAILLIGHT, Material.LAMP),
         cylinder((-0.75, -0.16, 0.34), (0.1, -0.16, 0.32), 0.06, TRIM * 7, 6),
     ]
     if rider is not None:
-        parts += _rider((-0.30, 0, 0.84), (0.42, 0, 1.06), (0.0, 0, 0.36), *rider)
+        parts += _rider((-0.30, 0.0, 0.84), (0.42, 0.0, 1.06), (0.0, 0.0, 0.36), *rider)
     else:
-        parts.append(box((0.52, 0, 1.18), (0.08, 0.3, 0.25), TRIM * 2, taper=(0.5, 0.7)))
+        parts.append(box((0.52, 0.0, 1.18), (0.08, 0.3, 0.25), TRIM * 2, taper=(0.5, 0.7)))
     return Mesh.merge(parts).fitted(size_m)
