@@ -50,14 +50,18 @@ def frame_sample(frame: Frame, width_px: int, height_px: int) -> Sample:
 
 
 def collate(samples: Sequence[Sample]) -> Batch:
-    """Stack samples; rigs may have different numbers of cameras. Depth and boxes are kept if every sample has them."""
-    cameras = [c for s in samples for c in s.cameras]
+    """Stack samples; rigs may have different numbers of cameras. Depth and boxes are kept if every sample has them.
+
+    Raises:
+        ValueError: no samples, or images of different sizes.
+    """
     grounds = [s.ground for s in samples for _ in s.cameras]
+    cameras = CameraTensors.from_cameras([c for s in samples for c in s.cameras], grounds)
     depths = [s.depth_m for s in samples if s.depth_m is not None]
     boxes = [s.boxes for s in samples if s.boxes is not None]
     return Batch(
         torch.stack([normalise_image(image) for s in samples for image in s.images]),
-        CameraTensors.from_cameras(cameras, grounds),
+        cameras,
         torch.tensor([i for i, s in enumerate(samples) for _ in s.cameras]),
         torch.from_numpy(np.stack([s.bev_from_ego for s in samples])).float(),
         torch.from_numpy(np.concatenate(depths)) if len(depths) == len(samples) else None,
