@@ -86,7 +86,7 @@ class DepthNet(nn.Module):
 
     def forward(
         self, x: Float[Tensor, "m c h w"], camera_vector: Float[Tensor, "m k"] | None
-    ) -> tuple[Float[Tensor, "m d h w"], Float[Tensor, "m k h w"]]:
+    ) -> tuple[Float[Tensor, "m d h w"], Float[Tensor, "m e h w"]]:
         """Depth logits and context features."""
         x = self.reduce_conv(x)
         context = depth = x

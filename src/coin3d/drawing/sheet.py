@@ -95,7 +95,7 @@ def _row(panels: Sequence[Panel], width: int, cell_width: int) -> UInt8[np.ndarr
     return out
 
 
-def _scaled(image: UInt8[np.ndarray, "h w 3"], width: int) -> UInt8[np.ndarray, "H w 3"]:
+def _scaled(image: UInt8[np.ndarray, "h w 3"], width: int) -> UInt8[np.ndarray, "H W 3"]:
     if image.shape[1] == width:
         return image
     height = max(1, round(image.shape[0] * width / image.shape[1]))

@@ -21,7 +21,7 @@ _CORNER_SIGNS = np.array(
 def wrap_angle(angle_rad: ArrayLike) -> Float[np.ndarray, "..."]:
     """Angle in (-pi, pi]."""
     a = np.asarray(angle_rad, dtype=np.float64)
-    return -((np.pi - a) % (2 * np.pi) - np.pi)
+    return np.asarray(-((np.pi - a) % (2 * np.pi) - np.pi))
 
 
 @dataclass(frozen=True, eq=False)

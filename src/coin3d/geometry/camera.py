@@ -120,4 +120,4 @@ class Camera:
         pixels, depth_m = self.project(points_ego)
         with np.errstate(invalid="ignore"):
             inside = (pixels >= 0).all(-1) & (pixels[..., 0] < self.width_px) & (pixels[..., 1] < self.height_px)
-        return inside & (depth_m > MIN_DEPTH_M)
+        return np.asarray(inside & (depth_m > MIN_DEPTH_M))

@@ -41,7 +41,7 @@ class GroundPlane:
 
     def height_m(self, points_ego: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "..."]:
         """Signed height of points above the plane."""
-        height: np.ndarray = np.asarray(points_ego, dtype=np.float64) @ self.normal + self.offset_m
+        height: np.ndarray = np.asarray(np.asarray(points_ego, dtype=np.float64) @ self.normal + self.offset_m)
         return height
 
     @property

@@ -33,7 +33,7 @@ class Travel:
     def distance_m(self, time_s: ArrayLike) -> Float[np.ndarray, "..."]:
         t = np.asarray(time_s, dtype=np.float64)
         if not np.isfinite(self.stop_after_m):
-            return self.speed_mps * t + self.swing_m * np.sin(self.swing_rate * t)
+            return np.asarray(self.speed_mps * t + self.swing_m * np.sin(self.swing_rate * t))
         # the way left may be shorter than the usual braking distance: then it has been braking already
         speed = min(self.speed_mps, np.sqrt(2 * self.BRAKE_MPS2 * max(self.stop_after_m, 0.0)))
         if speed <= 0:
@@ -78,7 +78,7 @@ class Actor:
         return self.travel.speed_mps == 0
 
     def along_m(self, time_s: ArrayLike) -> Float[np.ndarray, "..."]:
-        return self.start_m + self.travel.distance_m(time_s)
+        return np.asarray(self.start_m + self.travel.distance_m(time_s))
 
     def pose(self, time_s: ArrayLike) -> tuple[Float[np.ndarray, "... 2"], Float[np.ndarray, "..."]]:
         """Position (x, y) and heading."""
@@ -88,7 +88,7 @@ class Actor:
     def present(self, time_s: ArrayLike) -> np.ndarray:
         """Whether it is still on its path; past the end it has left town."""
         s = self.along_m(time_s)
-        return (s >= 0) & (s <= self.path.length_m)
+        return np.asarray((s >= 0) & (s <= self.path.length_m))
 
     def posture(self, time_s: float) -> Mesh:
         phase = (float(self.along_m(time_s)) / self.stride_m) % 1.0

@@ -39,7 +39,7 @@ class EgoRoute:
         """Position (x, y) of the rear axle and heading."""
         s = self.start_m + self.travel.distance_m(time_s)
         rear, front = self.path.at(s), self.path.at(s + 2.7)
-        return rear, np.arctan2(front[..., 1] - rear[..., 1], front[..., 0] - rear[..., 0])
+        return rear, np.asarray(np.arctan2(front[..., 1] - rear[..., 1], front[..., 0] - rear[..., 0]))
 
 
 @dataclass
