@@ -104,11 +104,8 @@ def test_augmented_boxes_and_features_land_in_the_same_cell(seed: int) -> None:
     bev = BevAugmentation().draw(rng)
     box = transform_boxes(Boxes3D.create([centre], [(4, 2, 1.5)], [0.3], ["car"]), bev)
     place = (box.centre_m[0, :2] + GRID.half_extent_m) / GRID.cell_m
-    if (
-        np.abs(place - np.round(place)).min() < 1e-3
-        or not -5 < box.centre_m[0, 2] < 3
-        or not (0 < place).all() & (place < 64).all()
-    ):
+    on_border = np.abs(place - np.round(place)).min() < 1e-3
+    if on_border or not -5 < box.centre_m[0, 2] < 3 or (place < 0).any() or (place > 64).any():
         return
     found = cells(camera, bev=bev)[0, row, column, k]
     assert found == int(place[1]) * 64 + int(place[0])

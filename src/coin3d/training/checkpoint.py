@@ -69,6 +69,8 @@ def read_description(path: Path) -> dict[str, Any]:
     description: dict[str, Any] = json.loads(metadata["coin3d"])
     if description.get("format") != FORMAT:
         raise ValueError(f"{path}: checkpoint format {description.get('format')}, this version reads {FORMAT}")
+    if missing := [key for key in ("detector", "config", "classes", "method", "options") if key not in description]:
+        raise ValueError(f"{path}: the description in the checkpoint lacks {', '.join(missing)}")
     return description
 
 
@@ -82,8 +84,11 @@ def load_checkpoint(path: Path) -> tuple[BEVDepth, dict[str, Any]]:
     for key, known in (("detector", DETECTORS), ("method", METHODS)):
         if d[key] not in known:
             raise ValueError(f"{path}: made with the {key} '{d[key]}', known are {', '.join(known)}")
-    config = from_plain(DETECTORS[d["detector"]][0], {**d["config"], "pretrained": False})
-    options: Any = from_plain(METHODS[d["method"]][0], d["options"])
+    try:
+        config: Any = from_plain(DETECTORS[d["detector"]][0], {**d["config"], "pretrained": False})
+        options: Any = from_plain(METHODS[d["method"]][0], d["options"])
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     model = build_detector(d["detector"], config, tuple(d["classes"]), d["method"], options)
     load_weights(model, path)
     return model.eval(), d

@@ -154,7 +154,7 @@ def _restore(
         return 0
     try:
         state = torch.load(path, weights_only=True, map_location="cpu")
-    except (RuntimeError, EOFError, pickle.UnpicklingError) as error:
+    except (RuntimeError, EOFError, OSError, pickle.UnpicklingError) as error:
         raise ValueError(f"{path}: not a complete training state ({error}); delete it to start again") from error
     try:
         model.load_state_dict(state["model"])
