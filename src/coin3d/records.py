@@ -47,9 +47,12 @@ def _value(hint: Any, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
         return from_plain(hint, value, where)
     origin, args = get_origin(hint), get_args(hint)
-    if origin is tuple and isinstance(value, list):
-        inner = args[0] if len(args) == 2 and args[1] is Ellipsis else None
-        kinds = [inner] * len(value) if inner else list(args)
+    if origin is tuple:
+        if not isinstance(value, list):
+            raise ValueError(f"{where} is a list, got {value!r}")
+        kinds = [args[0]] * len(value) if args[-1] is Ellipsis else list(args)
+        if len(kinds) != len(value):
+            raise ValueError(f"{where} holds {len(kinds)} values, got {len(value)}")
         return tuple(_value(k, v, f"{where}[{i}]") for i, (k, v) in enumerate(zip(kinds, value, strict=True)))
     if origin in (typing.Union, types.UnionType):
         kinds = [a for a in args if a is not type(None)]

@@ -76,7 +76,7 @@ def test_loading_never_asks_for_pretrained_weights(tmp_path: Path) -> None:
 
 
 def test_no_such_file(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="absent.safetensors: no such checkpoint"):
+    with pytest.raises(FileNotFoundError, match=r"absent\.safetensors: no such checkpoint"):
         load_checkpoint(tmp_path / "absent.safetensors")
 
 

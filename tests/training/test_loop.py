@@ -10,7 +10,6 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from coin3d.augmentation import BevAugmentation, ImageAugmentation
 from coin3d.datasets.classes import ClassMap
 from coin3d.detectors import BEVDepth, Sample
 from coin3d.methods import METHODS
@@ -26,7 +25,7 @@ OPTIONS = TrainOptions(
 )
 
 
-class Killed(Exception):
+class KilledError(Exception):
     pass
 
 
@@ -37,16 +36,14 @@ class DyingSamples(TrainingSamples):
 
     def __getitem__(self, number: int) -> Sample:
         if number > self.last:
-            raise Killed
+            raise KilledError
         return super().__getitem__(number)
 
 
 def samples(model: BEVDepth, options: TrainOptions, last: int = 10**9) -> TrainingSamples:
     frames = [frame(i, ring_rig(2)) for i in range(3)]
-    augment, view = AugmentOptions(ImageAugmentation(), BevAugmentation()), model.method.view_augmentation
-    made = DyingSamples(
-        [MemoryRecording(frames)], BOTH, SIZE_PX, augment, view, options.seed, options.steps * options.batch_size
-    )
+    view, count = model.method.view_augmentation, options.steps * options.batch_size
+    made = DyingSamples([MemoryRecording(frames)], BOTH, SIZE_PX, AugmentOptions(), view, options.seed, count)
     made.last = last
     return made
 
@@ -74,7 +71,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_killed_run_continues_to_the_same_bits(whole: Path, tmp_path: Path) -> None:
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         train(tmp_path, last=9)  # dies in step 4, after the state of step 3 was saved
     assert (tmp_path / STATE_FILE).is_file() and not (tmp_path / WEIGHTS_FILE).exists()
     assert [row["step"] for row in log(tmp_path)] == [0, 1, 2, 3, 4]
@@ -146,14 +143,14 @@ def test_a_gradient_that_is_not_finite_stops_the_run(tmp_path: Path) -> None:
 
 
 def test_the_state_of_another_method_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         train(tmp_path, last=9)
     with pytest.raises(ValueError, match=r"last\.pt: the state of another detector or method"):
         train(tmp_path, method="direct")
 
 
 def test_a_damaged_state_is_named(tmp_path: Path) -> None:
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         train(tmp_path, last=9)
     state = tmp_path / STATE_FILE
     state.write_bytes(state.read_bytes()[:5000])
@@ -167,3 +164,12 @@ def test_progress_is_told(tmp_path: Path) -> None:
     options = replace(OPTIONS, steps=1)
     fit(model, samples(model, options), options, tmp_path, {}, progress=lines.append)
     assert len(lines) == 1 and lines[0].startswith("step 1/1  loss ") and "min left" in lines[0]
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_frame_that_cannot_be_read_is_named_in_one_line(workers: int, tmp_path: Path) -> None:
+    model, options = detector("none"), replace(OPTIONS, workers=workers)
+    frames = [frame(0, ring_rig(2)), replace(frame(1, ring_rig(2)), lidar=None)]
+    broken = TrainingSamples([MemoryRecording(frames)], BOTH, SIZE_PX, AugmentOptions(), None, 0, 12)
+    with pytest.raises(ValueError, match=r"^frame frame1 has no LiDAR; training needs it for depth supervision$"):
+        fit(model, broken, options, tmp_path, {}, progress=lambda line: None)

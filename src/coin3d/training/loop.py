@@ -132,7 +132,10 @@ def _batches(samples: TrainingSamples, options: TrainOptions, start: int) -> Ite
         worker_init_fn=_one_thread,
         prefetch_factor=4 if options.workers else None,
     )
-    return iter(loader)
+    try:
+        yield from loader
+    except ValueError as error:  # a loader process buries it under its traceback
+        raise ValueError(str(error).rpartition("ValueError: ")[2].strip()) from error
 
 
 def _one_thread(worker: int) -> None:

@@ -39,12 +39,11 @@ def train(
     """Train a detector on one or more recordings; returns the path of its weights.
 
     ``out`` receives run.json (everything needed to repeat the run), log.jsonl, curves.png and model.safetensors. Called
-    again on an unfinished ``out`` with the same arguments it continues.
+    again on an unfinished ``out`` with the same arguments it continues; on a finished one it does nothing.
 
     Raises:
-        ValueError: ``out`` holds a run with other settings, or data that cannot be trained on.
+        ValueError: ``out`` holds a run with other settings, or data that cannot be trained on. Nothing was written then.
     """
-    out.mkdir(parents=True, exist_ok=True)
     settings = to_plain(
         {
             "data": [str(p) for p in data],
@@ -57,7 +56,6 @@ def train(
             "init": str(init) if init else None,
         }
     )
-    _claim(out, settings, data)
     torch.manual_seed(options.seed)
     model = build_detector(detector, config, class_map.classes, method, method_options)
     if init is not None:
@@ -67,6 +65,11 @@ def train(
     count = options.steps * options.batch_size
     view_augmentation = model.method.view_augmentation
     samples = TrainingSamples(recordings, class_map, size, options.augment, view_augmentation, options.seed, count)
+    samples[0]  # data that cannot be trained on should show before anything is written
+    _claim(out, settings, data)
+    if (out / WEIGHTS_FILE).is_file():
+        progress(f"{out / WEIGHTS_FILE} is finished; choose an empty folder to train again")
+        return out / WEIGHTS_FILE
     notes = f"trained on {', '.join(Path(p).name for p in data)} for {options.steps} steps"
     description = describe(detector, config, class_map.classes, method, method_options, notes)
     fit(model, samples, options, out, description, device=device, progress=progress)
