@@ -39,10 +39,12 @@ class BEVDepthConfig:
         depth_channels: width of the depth net.
         depth_blocks: residual blocks of the depth net.
         aspp_channels: width of each dilated branch.
+        depth_dropout: dropout behind them.
         context_channels: channels lifted to BEV.
         bins: depth bins.
         grid: bird's-eye-view grid.
         bev_stages: channels of the BEV encoder.
+        bev_first_stride: stride of the encoder's first stage, 1 or 2.
         bev_channels: channels the head reads.
         head_channels: width of the head.
         min_radius_cells: smallest heat-map peak.
@@ -58,10 +60,12 @@ class BEVDepthConfig:
     depth_channels: int = 512
     depth_blocks: int = 3
     aspp_channels: int = 96
+    depth_dropout: float = 0.5
     context_channels: int = 80
     bins: DepthBins = field(default_factory=DepthBins)
     grid: BevGrid = field(default_factory=BevGrid)
     bev_stages: tuple[int, ...] = (160, 320, 640)
+    bev_first_stride: int = 2
     bev_channels: int = 256
     head_channels: int = 64
     min_radius_cells: int = 2
@@ -106,12 +110,14 @@ class BEVDepthConfig:
             depth_channels=96,
             depth_blocks=1,
             aspp_channels=32,
+            depth_dropout=0.0,
             context_channels=48,
             bins=DepthBins(1.0, 60.0, 1.0),
             grid=BevGrid(cell_m=1.6),
-            bev_stages=(48, 96, 192),
-            bev_channels=48,
-            head_channels=48,
+            bev_stages=(32, 64, 128),
+            bev_first_stride=1,
+            bev_channels=32,
+            head_channels=32,
             min_radius_cells=1,
             decode=DecodeOptions(min_score=0.05),
         )
@@ -145,9 +151,10 @@ class BEVDepth(nn.Module):
             method.camera_vector_channels,
             config.depth_blocks,
             config.aspp_channels,
+            config.depth_dropout,
         )
         self.lift_splat = LiftSplat(config.grid, config.bins, config.strides[0])
-        self.bev_encoder = BevEncoder(config.context_channels, config.bev_stages, config.bev_channels)
+        self.bev_encoder = BevEncoder(config.context_channels, config.bev_stages, config.bev_channels, config.bev_first_stride)
         self.head = CenterHead(config.bev_channels, len(classes), config.head_channels)
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:

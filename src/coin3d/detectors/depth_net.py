@@ -27,7 +27,7 @@ class CameraGate(nn.Module):
 class DilatedContext(nn.Module):
     """Atrous spatial pyramid pooling: four dilations and a global average, concatenated and mixed."""
 
-    def __init__(self, channels: int, branch_channels: int) -> None:
+    def __init__(self, channels: int, branch_channels: int, dropout: float) -> None:
         super().__init__()
         self.branches = nn.ModuleList([conv_bn_relu(channels, branch_channels, 1)])
         for dilation in (6, 12, 18):
@@ -39,7 +39,7 @@ class DilatedContext(nn.Module):
                 )
             )
         self.global_branch = nn.Sequential(nn.AdaptiveAvgPool2d(1), conv_bn_relu(channels, branch_channels, 1))
-        self.mix = nn.Sequential(conv_bn_relu(5 * branch_channels, channels, 1), nn.Dropout(0.5))
+        self.mix = nn.Sequential(conv_bn_relu(5 * branch_channels, channels, 1), nn.Dropout(dropout))
 
     def forward(self, x: Float[Tensor, "m c h w"]) -> Float[Tensor, "m c h w"]:
         pooled = self.global_branch(x).expand(-1, -1, *x.shape[-2:])
@@ -58,6 +58,7 @@ class DepthNet(nn.Module):
         camera_vector_channels: length of the camera vector; 0 leaves the gates out.
         residual_blocks: blocks before the dilated context.
         aspp_channels: width of each branch of the dilated context.
+        dropout: behind the dilated context.
     """
 
     def __init__(
@@ -69,13 +70,14 @@ class DepthNet(nn.Module):
         camera_vector_channels: int,
         residual_blocks: int,
         aspp_channels: int,
+        dropout: float = 0.5,
     ) -> None:
         super().__init__()
         self.reduce_conv = conv_bn_relu(inputs, mid_channels, bias=True)
         self.context_conv = nn.Conv2d(mid_channels, context_channels, 1)
         self.depth_conv = nn.Sequential(
             *(BasicBlock(mid_channels, mid_channels) for _ in range(residual_blocks)),
-            DilatedContext(mid_channels, aspp_channels),
+            DilatedContext(mid_channels, aspp_channels, dropout),
             nn.Conv2d(mid_channels, depth_bins, 1),
         )
         self.camera_aware = camera_vector_channels > 0
