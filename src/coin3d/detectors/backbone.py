@@ -21,15 +21,24 @@ class ImageBackbone(nn.Module):
         strides: which feature maps to return, finest first.
         extra_channels: input channels beyond RGB.
         pretrained: start from timm's ImageNet weights (downloads them).
+        blocks: residual blocks of each of the four stages, if not the named network's own.
     """
 
-    def __init__(self, name: str, strides: Sequence[int], extra_channels: int = 0, pretrained: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        strides: Sequence[int],
+        extra_channels: int = 0,
+        pretrained: bool = False,
+        blocks: tuple[int, ...] = (),
+    ) -> None:
         super().__init__()
         wrong = [s for s in strides if s not in _STRIDES]
         if wrong or list(strides) != sorted(strides):
             raise ValueError(f"backbone strides are rising values out of {_STRIDES}, got {tuple(strides)}")
         indices = tuple(_STRIDES.index(s) for s in strides)
-        trunk: Any = timm.create_model(name, pretrained=pretrained, features_only=True, out_indices=indices)
+        changed = {"layers": blocks} if blocks else {}
+        trunk: Any = timm.create_model(name, pretrained=pretrained, features_only=True, out_indices=indices, **changed)
         self.channels: list[int] = trunk.feature_info.channels()
         if extra_channels:
             trunk.conv1 = widen_input(trunk.conv1, extra_channels)

@@ -68,7 +68,7 @@ class TrainOptions:
         a short training does not get around to learning heading from the arrangement of cells alone.
         """
         return cls(
-            steps=800,
+            steps=1_000,
             batch_size=4,
             learning_rate=1e-3,
             warmup_steps=100,
