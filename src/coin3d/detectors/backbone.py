@@ -37,7 +37,7 @@ class ImageBackbone(nn.Module):
         if wrong or list(strides) != sorted(strides):
             raise ValueError(f"backbone strides are rising values out of {_STRIDES}, got {tuple(strides)}")
         indices = tuple(_STRIDES.index(s) for s in strides)
-        changed = {"layers": blocks} if blocks else {}
+        changed: dict[str, Any] = {"layers": blocks} if blocks else {}
         trunk: Any = timm.create_model(name, pretrained=pretrained, features_only=True, out_indices=indices, **changed)
         self.channels: list[int] = trunk.feature_info.channels()
         if extra_channels:
