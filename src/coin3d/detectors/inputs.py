@@ -72,7 +72,7 @@ def collate(samples: Sequence[Sample]) -> Batch:
 def lidar_depth(points_ego: Float[np.ndarray, "n 3"], camera: Camera) -> Float[np.ndarray, "h w"]:
     """Nearest LiDAR depth in each pixel of a camera, metres along the optical axis, 0 where no point falls."""
     pixels, depth_m = camera.project(points_ego)
-    seen = camera.sees(points_ego)
+    seen = camera.in_image(pixels, depth_m)
     u, v = np.floor(pixels[seen]).astype(np.int64).T
     flat = np.full(camera.height_px * camera.width_px, np.inf, dtype=np.float32)
     np.minimum.at(flat, v * camera.width_px + u, depth_m[seen].astype(np.float32))

@@ -115,9 +115,12 @@ class Camera:
         u, v = np.meshgrid(np.arange(self.width_px) + 0.5, np.arange(self.height_px) + 0.5)
         return np.stack([u, v], axis=-1)
 
-    def sees(self, points_ego: Float[np.ndarray, "... 3"]) -> Bool[np.ndarray, "..."]:
-        """Whether points fall into the image with depth above ``MIN_DEPTH_M`` (occlusion is not considered)."""
-        pixels, depth_m = self.project(points_ego)
+    def in_image(self, pixels: Float[np.ndarray, "... 2"], depth_m: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
+        """Which results of ``project`` fall into the image with depth above ``MIN_DEPTH_M``."""
         with np.errstate(invalid="ignore"):
             inside = (pixels >= 0).all(-1) & (pixels[..., 0] < self.width_px) & (pixels[..., 1] < self.height_px)
         return np.asarray(inside & (depth_m > MIN_DEPTH_M))
+
+    def sees(self, points_ego: Float[np.ndarray, "... 3"]) -> Bool[np.ndarray, "..."]:
+        """Whether points fall into the image (occlusion is not considered)."""
+        return self.in_image(*self.project(points_ego))

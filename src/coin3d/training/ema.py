@@ -14,7 +14,8 @@ class WeightAverage:
     Args:
         model: what is averaged.
         decay: final decay; 0 follows the model exactly.
-        ramp_steps: decay(t) = decay * (1 - exp(-t / ramp_steps)), spec official_code 1.7.
+        ramp_steps: decay(t) = decay * (1 - exp(-t / ramp_steps)); the form is spec official_code 1.7's, whose 2000 steps
+            belong to runs of 20,000 and more.
     """
 
     def __init__(self, model: nn.Module, decay: float, ramp_steps: float = 200.0) -> None:
