@@ -1,4 +1,4 @@
-"""Fixtures shared by all tests."""
+"""Shapes are checked while tests run, skipped tests fail in CI, and fixtures shared by all tests."""
 
 from __future__ import annotations
 
@@ -6,10 +6,41 @@ import os
 from pathlib import Path
 
 import pytest
+from jaxtyping import install_import_hook
 
-from tiny_recording import write_recording
+# before anything of coin3d is imported: every annotated shape and type is then checked at every call
+install_import_hook("coin3d", "runtime_types.check")
+
+from tiny_recording import write_recording  # noqa: E402
 
 _CHECKOUT = Path(__file__).resolve().parents[1]
+_IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
+_skipped_in_ci: list[str] = []
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Remember skipped tests in CI, where everything but a GPU is expected to be there."""
+    if _IN_CI and report.skipped and not hasattr(report, "wasxfail") and "gpu" not in report.keywords:
+        _skipped_in_ci.append(report.nodeid)
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    """The same for whole files."""
+    if _IN_CI and report.skipped:
+        _skipped_in_ci.append(report.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A run that skipped something is not a passed run in CI."""
+    if _skipped_in_ci and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say why the run failed."""
+    if _skipped_in_ci:
+        terminalreporter.section("skipped, which fails in CI", red=True)
+        terminalreporter.write_line("\n".join(_skipped_in_ci))
 
 
 def _real(name: str) -> Path:

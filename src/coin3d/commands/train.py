@@ -133,14 +133,12 @@ def train(
     from coin3d.detectors import DETECTORS
     from coin3d.inference import checkpoint_path, resolve_device
     from coin3d.methods import METHODS
-    from coin3d.training.loop import LOG_FILE, WEIGHTS_FILE
+    from coin3d.training.loop import LOG_FILE
     from coin3d.training.options import TrainOptions
     from coin3d.training.train import train as run
 
     if not data:
         raise ValueError("name at least one recording to train on: coin3d train FOLDER --out RUN")
-    if (out / WEIGHTS_FILE).is_file():
-        raise ValueError(f"{out} holds a finished run; choose another folder, or delete it to train again")
     if method != "coin3d" and coin3d != CoIn3DFlags():
         changed = [name for name, value in vars(coin3d).items() if value != getattr(CoIn3DFlags(), name)]
         raise ValueError(f"--method {method} has no {', '.join(changed)}: these belong to --method coin3d")

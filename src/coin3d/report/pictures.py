@@ -85,7 +85,7 @@ def as_seen(rig: Rig) -> list[str]:
 
 
 def _columns(rig: Rig) -> int:
-    ahead = sum(abs(camera.yaw_rad) < _FORWARD_RAD for camera in rig.values())
+    ahead = len([name for name in rig if abs(rig[name].yaw_rad) < _FORWARD_RAD])
     return min(max(ahead, len(rig) - ahead, 1), 5)
 
 
