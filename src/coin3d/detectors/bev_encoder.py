@@ -12,28 +12,28 @@ from coin3d.detectors.layers import BasicBlock, conv_bn_relu
 
 
 class BevEncoder(nn.Module):
-    """Features at the resolution of the input grid.
+    """Features at the resolution of the input grid or half of it.
 
     Args:
         inputs: channels of the pooled BEV.
-        stages: channels of the three stages; the second and third halve the resolution.
+        stages: channels of the three stages; each halves the resolution.
         outputs: channels of the result.
-        first_stride: stride of the first stage: 2 as released, 1 for coarse grids, whose cells must stay apart.
+        out_stride: cells of the input grid per cell of the result, 1 (as released) or 2.
     """
 
-    def __init__(self, inputs: int, stages: Sequence[int], outputs: int, first_stride: int = 2) -> None:
+    def __init__(self, inputs: int, stages: Sequence[int], outputs: int, out_stride: int = 1) -> None:
         super().__init__()
         if len(stages) != 3:
             raise ValueError(f"the BEV encoder has three stages, got {len(stages)} channel counts")
         self.stages = nn.ModuleList()
-        for channels, stride in zip(stages, (first_stride, 2, 2), strict=True):
-            shortcut = nn.Conv2d(inputs, channels, 3, stride, 1)
-            self.stages.append(nn.Sequential(BasicBlock(inputs, channels, stride, shortcut), BasicBlock(channels, channels)))
+        for channels in stages:
+            shortcut = nn.Conv2d(inputs, channels, 3, 2, 1)
+            self.stages.append(nn.Sequential(BasicBlock(inputs, channels, 2, shortcut), BasicBlock(channels, channels)))
             inputs = channels
         self.lift_coarse = nn.Upsample(scale_factor=4, mode="bilinear", align_corners=True)
         self.merge = nn.Sequential(conv_bn_relu(stages[0] + stages[2], 2 * outputs), conv_bn_relu(2 * outputs, 2 * outputs))
         self.lift_fine = nn.Sequential(
-            nn.Upsample(scale_factor=first_stride, mode="bilinear", align_corners=True),
+            nn.Upsample(scale_factor=2 // out_stride, mode="bilinear", align_corners=True),
             conv_bn_relu(2 * outputs, outputs),
             nn.Conv2d(outputs, outputs, 1),
         )

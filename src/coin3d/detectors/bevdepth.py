@@ -5,7 +5,7 @@ Layer by layer as spec official_code 1.2-1.6. The method of transfer enters thro
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from jaxtyping import Float
@@ -45,8 +45,8 @@ class BEVDepthConfig:
         bins: depth bins.
         grid: bird's-eye-view grid.
         bev_stages: channels of the BEV encoder.
-        bev_first_stride: stride of the encoder's first stage, 1 or 2.
         bev_channels: channels the head reads.
+        head_stride: cells of the grid per cell of the head, 1 or 2.
         head_channels: width of the head.
         min_radius_cells: smallest heat-map peak.
         decode: how boxes are read off.
@@ -67,8 +67,8 @@ class BEVDepthConfig:
     bins: DepthBins = field(default_factory=DepthBins)
     grid: BevGrid = field(default_factory=BevGrid)
     bev_stages: tuple[int, ...] = (160, 320, 640)
-    bev_first_stride: int = 2
     bev_channels: int = 256
+    head_stride: int = 1
     head_channels: int = 64
     min_radius_cells: int = 2
     decode: DecodeOptions = field(default_factory=DecodeOptions)
@@ -79,6 +79,13 @@ class BEVDepthConfig:
             raise ValueError(f"the input of {self.image_width_px} x {self.image_height_px} is not a multiple of {coarsest}")
         if self.grid.side % 8:
             raise ValueError(f"the BEV grid has {self.grid.side} cells a side; the encoder needs a multiple of 8")
+        if self.head_stride not in (1, 2):
+            raise ValueError(f"head_stride is 1 or 2, got {self.head_stride}")
+
+    @property
+    def head_grid(self) -> BevGrid:
+        """The cells of the heat map."""
+        return replace(self.grid, cell_m=self.grid.cell_m * self.head_stride)
 
     @classmethod
     def paper(cls) -> BEVDepthConfig:
@@ -116,10 +123,9 @@ class BEVDepthConfig:
             depth_dropout=0.0,
             context_channels=48,
             bins=DepthBins(1.0, 60.0, 1.0),
-            grid=BevGrid(cell_m=1.6),
             bev_stages=(32, 64, 128),
-            bev_first_stride=1,
             bev_channels=32,
+            head_stride=2,
             head_channels=32,
             min_radius_cells=1,
             decode=DecodeOptions(min_score=0.05),
@@ -159,7 +165,7 @@ class BEVDepth(nn.Module):
             config.depth_dropout,
         )
         self.lift_splat = LiftSplat(config.grid, config.bins, config.strides[0])
-        self.bev_encoder = BevEncoder(config.context_channels, config.bev_stages, config.bev_channels, config.bev_first_stride)
+        self.bev_encoder = BevEncoder(config.context_channels, config.bev_stages, config.bev_channels, config.head_stride)
         self.head = CenterHead(config.bev_channels, len(classes), config.head_channels)
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:
@@ -191,7 +197,7 @@ class BEVDepth(nn.Module):
         config, device = self.config, batch.images.device
         outputs = self(batch)
         depth_logits = outputs.pop("depth_logits")
-        targets = center_targets(batch.boxes, self.classes, config.grid, min_radius_cells=config.min_radius_cells)
+        targets = center_targets(batch.boxes, self.classes, config.head_grid, min_radius_cells=config.min_radius_cells)
         with torch.autocast(device.type, enabled=False):  # CUDA refuses this cross-entropy in half precision
             losses = center_losses(outputs, targets.to(device))
             losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.strides[0])
@@ -201,7 +207,7 @@ class BEVDepth(nn.Module):
     def detect(self, batch: Batch) -> list[Boxes3D]:
         """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
         outputs = self(batch)
-        return decode_centers(outputs, self.classes, self.config.grid, self.config.decode)
+        return decode_centers(outputs, self.classes, self.config.head_grid, self.config.decode)
 
 
 def depth_loss(
