@@ -64,8 +64,9 @@ class TrainOptions:
     def tiny(cls) -> TrainOptions:
         """About ten minutes on two CPU cores.
 
-        No mirrors: a mirrored image or ground plane hides which way a car faces from features that are not told of it, and
-        a short training does not get around to learning heading from the arrangement of cells alone.
+        Images are neither mirrored nor turned and the ground plane is not mirrored. A mirror hides which way a car faces
+        from features that are not told of it, and a turn of 5 degrees moves the horizon at the edge of a 352-pixel image
+        by 16 rows, which is the difference between 10 m and 100 m: both are learned around in days, not in minutes.
         """
         return cls(
             steps=1_000,
@@ -75,7 +76,7 @@ class TrainOptions:
             schedule="cosine",
             ema_decay=0.99,
             augment=AugmentOptions(
-                image=ImageAugmentation(flip_probability=0.0),
+                image=ImageAugmentation(flip_probability=0.0, max_rotation_deg=0.0),
                 bev=BevAugmentation(flip_probability=0.0),
                 cameras_per_sample=3,
             ),
