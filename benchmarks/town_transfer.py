@@ -5,7 +5,8 @@
 records the town through a nuScenes-like and a Waymo-like rig (same worlds), trains one detector per row at preset
 `tiny`, scores each on both rigs, and writes one small JSON per row into results/town_transfer/. Every step is skipped
 when its product exists, so an interrupted run continues. `--rows` chooses rows, `--seed` the seed of weights and order.
-About 25 minutes of recording and 10 minutes of training per row on two cores.
+About 25 minutes of recording and 10 minutes of training per row on two cores. `--ship` also stores the weights of the rows
+`direct` and `sfm+faug` in half precision in src/coin3d/weights, where `coin3d demo` finds them.
 """
 
 from __future__ import annotations
@@ -25,13 +26,15 @@ from coin3d.geometry import preset_rig
 from coin3d.methods import CoIn3DOptions, DirectOptions
 from coin3d.records import write_json
 from coin3d.town import record
-from coin3d.training.checkpoint import load_checkpoint
+from coin3d.training.checkpoint import load_checkpoint, save_checkpoint
 from coin3d.training.options import TrainOptions
 from coin3d.training.predict import predict, score_frames
 from coin3d.training.run_dir import environment, fingerprint, git_state
 from coin3d.training.train import train
 
-RESULTS = Path(__file__).resolve().parents[1] / "results" / "town_transfer"
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "results" / "town_transfer"
+SHIPPED = {"direct": "town-direct", "sfm+faug": "town-coin3d"}
 WIDTH_PX = 400
 KEY_FRAMES = 10
 SEEDS = {"train": range(40), "val": range(1000, 1012)}
@@ -52,7 +55,7 @@ def recording(work: Path, rig: str, split: str) -> Path:
     return out
 
 
-def run_row(name: str, work: Path, seed: int, steps: int | None) -> None:
+def run_row(name: str, work: Path, seed: int, steps: int | None) -> Path:
     source, method, options = ROWS[name]
     training = replace(TrainOptions.tiny(), seed=seed)
     if steps is not None:
@@ -78,6 +81,15 @@ def run_row(name: str, work: Path, seed: int, steps: int | None) -> None:
     facts = {"steps": training.steps, "seed": seed, "minutes": round(minutes, 1), "load_before": round(load_before, 2)}
     data_facts = {"train_frames": len(open_recording(data)), "data_fingerprint": fingerprint([data]), "git": git_state()}
     write_json(RESULTS / f"{name}_seed{seed}.json", {"rows": rows, **facts, **data_facts, **environment()})
+    return weights
+
+
+def ship(name: str, weights: Path) -> None:
+    """Store a row's weights in half precision where the package finds them."""
+    model, description = load_checkpoint(weights)
+    save_checkpoint(
+        ROOT / "src" / "coin3d" / "weights" / f"{SHIPPED[name]}.safetensors", model.state_dict(), description, half=True
+    )
 
 
 def main() -> None:
@@ -86,9 +98,12 @@ def main() -> None:
     parser.add_argument("--rows", nargs="+", choices=[*ROWS], default=[*ROWS])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=int, help="other than the preset's")
+    parser.add_argument("--ship", action="store_true", help="store the weights the demo uses")
     arguments = parser.parse_args()
     for name in arguments.rows:
-        run_row(name, arguments.work, arguments.seed, arguments.steps)
+        weights = run_row(name, arguments.work, arguments.seed, arguments.steps)
+        if arguments.ship and name in SHIPPED:
+            ship(name, weights)
 
 
 if __name__ == "__main__":
