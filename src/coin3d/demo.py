@@ -144,7 +144,7 @@ def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = 
 
 def _record(rig: str, folder: Path, options: DemoOptions, progress: Callable[[str], None]) -> list[Frame]:
     seeds = range(FIRST_SEED, FIRST_SEED + options.worlds)
-    workers = options.workers or len(os.sched_getaffinity(0))
+    workers = options.workers or os.cpu_count() or 1
     record(preset_rig(rig, options.width_px), folder, seeds, key_frames=options.key_frames, workers=workers, progress=progress)
     return list(NuScenesRecording(folder))
 
