@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 # before anything of coin3d is imported: every annotated shape and type is then checked at every call
@@ -16,6 +17,11 @@ from tiny_recording import write_recording  # noqa: E402
 _CHECKOUT = Path(__file__).resolve().parents[1]
 _IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
 _skipped_in_ci: list[str] = []
+
+# CI tries the same examples each time, so that it fails for a change and not by luck; elsewhere they are drawn anew
+settings.register_profile("ci", derandomize=True, deadline=None)
+settings.register_profile("local", deadline=None)
+settings.load_profile("ci" if _IN_CI else "local")
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

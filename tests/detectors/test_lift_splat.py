@@ -80,7 +80,7 @@ def test_agrees_with_camera_geometry(
     # points within a tenth of a millimetre of a border may fall on either side of it in float32
     from_border = np.minimum(np.abs(place - np.round(place)).min(-1) * 0.8, np.minimum(np.abs(z_m + 5), np.abs(z_m - 3)))
     clear = from_border > 1e-4
-    assert clear.mean() > 0.99
+    assert clear.mean() > 0.9  # a camera on an axis of the grid may look along a border of cells
     np.testing.assert_array_equal(found[clear], np.where(inside, row * 64 + column, -1)[clear])
 
 
