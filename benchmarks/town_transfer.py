@@ -12,8 +12,7 @@ About 25 minutes of recording and 10 minutes of training per row on two cores. `
 from __future__ import annotations
 
 import argparse
-import os
-import time
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,10 +26,11 @@ from coin3d.methods import CoIn3DOptions, DirectOptions
 from coin3d.records import write_json
 from coin3d.town import record
 from coin3d.training.checkpoint import load_checkpoint, save_checkpoint
+from coin3d.training.loop import LOG_FILE
 from coin3d.training.options import TrainOptions
 from coin3d.training.predict import predict, score_frames
-from coin3d.training.run_dir import environment, fingerprint, git_state
-from coin3d.training.train import train
+from coin3d.training.run_dir import environment, fingerprint
+from coin3d.training.train import RUN_FILE, train
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results" / "town_transfer"
@@ -62,14 +62,16 @@ def run_row(name: str, work: Path, seed: int, steps: int | None) -> Path:
         training = replace(training, steps=steps)
     data = recording(work, source, "train")
     out = work / f"run_{name}_seed{seed}"
-    load_before, began = os.getloadavg()[0], time.monotonic()
     weights = out / "model.safetensors"
     if not weights.is_file():
         train(
             [data], out, detector="bevdepth", config=BEVDepthConfig.tiny(), method=method, method_options=options,
             class_map=MERGED_CAR, options=training,
         )  # fmt: skip
-    minutes = (time.monotonic() - began) / 60
+    # from the run's own files: it may have been trained by an earlier call
+    log = (json.loads(line) for line in (out / LOG_FILE).read_text(encoding="utf-8").splitlines())
+    minutes = sum(step["seconds"] for step in log) / 60
+    trained_at = json.loads((out / RUN_FILE).read_text(encoding="utf-8"))["git"]
     model, _ = load_checkpoint(weights)
     protocol = Protocol("merged car", classes=MERGED_CAR.classes)
     rows = []
@@ -78,8 +80,8 @@ def run_row(name: str, work: Path, seed: int, steps: int | None) -> Path:
         report = score_frames(frames, predict(model, frames), MERGED_CAR, protocol)
         print(f"\n{name}, trained on {source}, scored on {target}\n{report.table()}", flush=True)
         rows.append({"detector": "bevdepth", "method": name, "source": source, "target": target, **report.row()})
-    facts = {"steps": training.steps, "seed": seed, "minutes": round(minutes, 1), "load_before": round(load_before, 2)}
-    data_facts = {"train_frames": len(open_recording(data)), "data_fingerprint": fingerprint([data]), "git": git_state()}
+    facts = {"steps": training.steps, "seed": seed, "minutes": round(minutes, 1)}
+    data_facts = {"train_frames": len(open_recording(data)), "data_fingerprint": fingerprint([data]), "git": trained_at}
     write_json(RESULTS / f"{name}_seed{seed}.json", {"rows": rows, **facts, **data_facts, **environment()})
     return weights
 
