@@ -17,7 +17,9 @@ class TrainOptions:
     Args:
         steps: optimiser steps.
         batch_size: frames per step.
+        optimizer: ``adamw`` for everything, or ``muon`` for the convolutions and AdamW for the rest.
         learning_rate: peak learning rate of AdamW.
+        muon_learning_rate: peak learning rate of Muon.
         weight_decay: of AdamW.
         warmup_steps: linear warm-up from a thousandth of the learning rate.
         schedule: after warm-up, fall to zero along a cosine or stay (the released configuration stays).
@@ -32,7 +34,9 @@ class TrainOptions:
 
     steps: int = 100_000
     batch_size: int = 8
+    optimizer: Literal["adamw", "muon"] = "adamw"
     learning_rate: float = 2e-4
+    muon_learning_rate: float = 0.02
     weight_decay: float = 1e-2
     warmup_steps: int = 200
     schedule: Literal["cosine", "constant"] = "constant"
@@ -83,10 +87,14 @@ class TrainOptions:
         )
 
     def learning_rate_at(self, step: int) -> float:
-        """Learning rate of a step, counted from 0."""
+        """AdamW's learning rate of a step, counted from 0."""
+        return self.learning_rate * self.schedule_at(step)
+
+    def schedule_at(self, step: int) -> float:
+        """The share of the peak learning rate that is used in a step, counted from 0."""
         if step < self.warmup_steps:
-            return self.learning_rate * (0.001 + 0.999 * step / self.warmup_steps)
+            return 0.001 + 0.999 * step / self.warmup_steps
         if self.schedule == "constant":
-            return self.learning_rate
+            return 1.0
         progress = (step - self.warmup_steps) / max(1, self.steps - self.warmup_steps)
-        return self.learning_rate * 0.5 * (1 + math.cos(math.pi * progress))
+        return 0.5 * (1 + math.cos(math.pi * progress))
