@@ -41,7 +41,7 @@ class BEVDepthConfig:
         depth_blocks: residual blocks of the depth net.
         aspp_channels: width of each dilated branch.
         depth_dropout: dropout behind them.
-        context_channels: channels lifted to BEV.
+        context_channels: channels lifted to BEV (into each height slab of the grid).
         bins: depth bins.
         grid: bird's-eye-view grid.
         bev_stages: channels of the BEV encoder.
@@ -165,7 +165,8 @@ class BEVDepth(nn.Module):
             config.depth_dropout,
         )
         self.lift_splat = LiftSplat(config.grid, config.bins, config.strides[0])
-        self.bev_encoder = BevEncoder(config.context_channels, config.bev_stages, config.bev_channels, config.head_stride)
+        bev_inputs = config.context_channels * config.grid.slabs
+        self.bev_encoder = BevEncoder(bev_inputs, config.bev_stages, config.bev_channels, config.head_stride)
         self.head = CenterHead(config.bev_channels, len(classes), config.head_channels)
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:
