@@ -68,20 +68,23 @@ class TrainOptions:
     def tiny(cls) -> TrainOptions:
         """About ten minutes on two CPU cores.
 
-        Images are neither mirrored nor turned and the ground plane is not mirrored. A mirror hides which way a car faces
-        from features that are not told of it, and a turn of 5 degrees moves the horizon at the edge of a 352-pixel image
-        by 16 rows, which is the difference between 10 m and 100 m: both are learned around in days, not in minutes.
+        Neither images nor the ground plane are mirrored or turned. A mirror hides which way a car faces from features that
+        are not told of it; a turn of the image by 5 degrees moves the horizon at the edge of a 352-pixel image by 16 rows,
+        which is the difference between 10 m and 100 m; a turn of the ground plane keeps the features from knowing where
+        their rays lead. All three are learned around in days, not in minutes.
         """
         return cls(
             steps=1_000,
             batch_size=4,
+            optimizer="muon",
             learning_rate=1e-3,
+            muon_learning_rate=0.03,
             warmup_steps=100,
             schedule="cosine",
             ema_decay=0.99,
             augment=AugmentOptions(
                 image=ImageAugmentation(flip_probability=0.0, max_rotation_deg=0.0),
-                bev=BevAugmentation(flip_probability=0.0),
+                bev=BevAugmentation(max_rotation_deg=0.0, min_scale=1.0, max_scale=1.0, flip_probability=0.0),
                 cameras_per_sample=3,
             ),
         )
