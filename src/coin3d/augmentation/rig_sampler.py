@@ -82,7 +82,9 @@ class RigSampler:
         lean = _lean(self.tilt_deg, rng)
         cameras = {}
         for name, camera in rig.items():
-            drawn = self._mounted(camera, by_name[name], rig.ground, rng) if self.mounts else generic._near(camera, rig.ground, rng)
+            drawn = (
+                self._mounted(camera, by_name[name], rig.ground, rng) if self.mounts else generic._near(camera, rig.ground, rng)
+            )
             cameras[name] = drawn.moved(lean @ drawn.ego_from_cam)
         return rig.with_cameras(cameras)
 
@@ -90,7 +92,7 @@ class RigSampler:
         ratio = rng.uniform(*self.focal_ratio)
         angle_rad = np.deg2rad(rng.uniform(-self.yaw_deg, self.yaw_deg))
         shift_m = rng.uniform(-self.shift_m, self.shift_m, 2)
-        place = camera.ego_from_cam.translation + [*shift_m, 0.0]
+        place = camera.ego_from_cam.translation + np.array([*shift_m, 0.0])
         pose = self._placed(turned(camera.ego_from_cam, angle_rad, ground), place, ground, rng)
         return _pinhole(camera, ratio, self._centre(camera, rng), pose)
 

@@ -43,7 +43,7 @@ def _figure(source: Rig, drawn: list[Rig]) -> Figure:
     _places(axes[1, 2], drawn, source)
     _mean_heights(axes[1, 3], drawn, source)
     for axis, rig in zip(axes[2], drawn[:_EXAMPLES], strict=False):
-        axis.imshow(top_view(rig, range_m=12.0, size_px=420))
+        axis.imshow(top_view(rig, range_m=14.0, size_px=420))
         axis.set(title=f"{len(rig)} cameras", xticks=[], yticks=[])
     return figure
 
@@ -62,8 +62,9 @@ def _values(rigs: list[Rig]) -> dict[str, np.ndarray]:
 
 
 def _histogram(axis: Axes, name: str, values: np.ndarray, own: np.ndarray) -> None:
-    span = max(float(np.ptp(values)), 1e-6)
-    axis.hist(values, bins=60, range=(values.min() - 0.05 * span, values.max() + 0.05 * span), color=_BLUE)
+    low, high = float(min(values.min(), own.min())), float(max(values.max(), own.max()))
+    margin = max(0.05 * (high - low), 0.01)  # a quantity that does not vary is one bar, not a picture of rounding
+    axis.hist(values, bins=60, range=(low - margin, high + margin), color=_BLUE)
     for value in own:
         axis.axvline(value, color=_RED, linewidth=1)
     axis.set(title=name, ylabel="cameras")

@@ -159,7 +159,7 @@ def _rays_start(sample: DgpSample, ego_from_lidar: Pose, calibration: Calibratio
     if not ego_from_lidar.allclose(Pose.identity()):
         return ego_from_lidar.translation
     places = [_vehicle_from(calibration, datum).translation for datum in sample.cameras]
-    return np.asarray(np.mean(places, axis=0) + [0, 0, _LIDAR_ABOVE_CAMERAS_M])
+    return np.asarray(np.mean(places, axis=0) + np.array([0, 0, _LIDAR_ABOVE_CAMERAS_M]))
 
 
 def _fitted_ground(scene: DgpScene) -> GroundPlane:
