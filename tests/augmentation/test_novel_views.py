@@ -177,7 +177,7 @@ def test_folders_that_are_none(tmp_path: Path) -> None:
 
 
 def test_the_renderer_itself_draws_what_the_camera_sees(tmp_path: Path) -> None:
-    """Red balls at the boxes, drawn by the true renderer: the brightest pixel of each lies where its centre projects."""
+    """Small red balls at the boxes before a blue sky, drawn by the true renderer: red where their centres project."""
     f = in_scene(5, 4)
     assert f.boxes is not None
     rng = np.random.default_rng(0)
@@ -193,9 +193,8 @@ def test_the_renderer_itself_draws_what_the_camera_sees(tmp_path: Path) -> None:
     for image, camera in zip(drawn.images, drawn.cameras, strict=True):
         pixels, depth_m = camera.project(f.boxes.centre_m)
         for (u, v), z in zip(pixels, depth_m, strict=True):
-            if z > 3 and 6 < u < SIZE_PX[0] - 6 and 6 < v < SIZE_PX[1] - 6:
-                patch = image[int(v) - 5 : int(v) + 6, int(u) - 5 : int(u) + 6, 0].astype(int)
-                row, column = np.unravel_index(patch.argmax(), patch.shape)
-                assert patch.max() > 60 and abs(row - 5) <= 1 and abs(column - 5) <= 1
+            if z > 3 and 0 < u < SIZE_PX[0] and 0 < v < SIZE_PX[1]:
+                assert image[int(v), int(u), 0] > 150
                 found += 1
+        assert (image[..., 0] > 100).mean() < 0.05 and (image[..., 2] > 60).mean() > 0.8
     assert found >= 3

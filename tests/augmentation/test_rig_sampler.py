@@ -129,7 +129,7 @@ def test_the_sign_slip_of_the_released_waymo_ranges_is_corrected() -> None:
 
 
 def test_what_cannot_be_drawn_is_refused() -> None:
-    with pytest.raises(ValueError, match="are for the cameras FRONT, FRONT_LEFT.*but the rig 'nuscenes' has CAM_FRONT"):
+    with pytest.raises(ValueError, match=r"are for the cameras FRONT, FRONT_LEFT.*but the rig 'nuscenes' has CAM_FRONT"):
         RigSampler.target_aware_waymo().draw(preset_rig("nuscenes"), np.random.default_rng(0))
     with pytest.raises(ValueError, match="cannot be used with array changes"):
         replace(RigSampler.target_aware_lyft(), array=ArrayChange())
@@ -146,12 +146,12 @@ def test_samplers_are_plain_data(sampler: RigSampler) -> None:
     assert from_plain(RigSampler, to_plain(sampler)) == sampler
 
 
-@pytest.mark.parametrize("cameras", [1, 5, 6])
-def test_counts_of_one_to_eight_occur(cameras: int) -> None:
-    rng, change = np.random.default_rng(0), ArrayChange()
-    counts = Counter(len(change.draw(ring_rig(cameras), rng)[0]) for _ in range(1000))
+@pytest.mark.parametrize(("cameras", "draws"), [(6, 1000), (1, 250), (5, 250)])
+def test_counts_of_one_to_eight_occur(cameras: int, draws: int) -> None:
+    rng, change, source = np.random.default_rng(0), ArrayChange(), ring_rig(cameras)
+    counts = Counter(len(change.draw(source, rng)[0]) for _ in range(draws))
     assert sorted(counts) == list(range(1, 9))
-    assert min(counts.values()) > 15
+    assert min(counts.values()) > 0.015 * draws
 
 
 def test_a_ring_sees_all_around_whatever_else_is_drawn() -> None:

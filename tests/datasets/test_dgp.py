@@ -212,14 +212,14 @@ def test_missing_and_truncated_files(root: Path) -> None:
         with pytest.raises(ValueError, match=f"1.npz: {message}"):
             whole.lidar.load()
     np.savez(cloud, data=np.zeros((5, 3)))
-    with pytest.raises(ValueError, match="has shape .5, 3., the scene announces X, Y, Z, INTENSITY"):
+    with pytest.raises(ValueError, match=r"has shape .5, 3., the scene announces X, Y, Z, INTENSITY"):
         whole.lidar.load()
     cloud.unlink()
     with pytest.raises(ValueError, match=r"1\.npz: the point cloud is missing"):
         whole.lidar.load()
     assert frames(root)[0].rig.ground.offset_m == pytest.approx(-GROUND_M, abs=1e-6)  # from the other cloud
     (scene / "point_cloud/LIDAR/0.npz").unlink()
-    with pytest.raises(ValueError, match="the ground cannot be fitted.*the point cloud is missing"):
+    with pytest.raises(ValueError, match=r"the ground cannot be fitted.*the point cloud is missing"):
         frames(root)
     (scene / "calibration/cal.json").write_text("{")
     with pytest.raises(ValueError, match=r"cal\.json: not JSON"):

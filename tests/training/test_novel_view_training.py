@@ -82,7 +82,7 @@ def test_the_verb(
     tiny_recording: Path, gaussians: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(BEVDepthConfig, "tiny", classmethod(lambda cls: CONFIG))
-    words = ["train", str(tiny_recording), "--steps", "1", "--batch-size", "1", "--workers", "0", "--method", "direct"]
+    words = ["train", str(tiny_recording), "--steps", "1", "--batch-size", "2", "--workers", "0", "--method", "direct"]
     flags = ["--gaussians", str(gaussians), "--novel-view-probability", "0.8", "--vary-array", "--keep-unseen-boxes"]
     assert cli.main([*words, *flags, "--out", str(tmp_path / "run")]) == 0
     settings = json.loads((tmp_path / "run" / "run.json").read_text())["settings"]

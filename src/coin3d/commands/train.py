@@ -45,7 +45,7 @@ class Optimisation:
     batch_size: _Count = None
     learning_rate: _Rate = None
     cameras_per_sample: _Count = None
-    keep_unseen_boxes: Annotated[bool | None, arg(help_behavior_hint=_PRESET)] = None
+    keep_unseen_boxes: bool = False
     precision: Annotated[Literal["float32", "bfloat16"] | None, arg(help_behavior_hint=_PRESET)] = None
     workers: _Count = None
     save_every: _Count = None
@@ -103,7 +103,8 @@ class NovelViewFlags:
         novel_view_probability: chance of a sample to be rendered instead of raw.
         rig_ranges: paper: the paper's ranges around the recording's own rig; target-aware-lyft, target-aware-waymo: ranges
             of the released code for these sources, which bracket the rig of nuScenes.
-        vary_array: also drop and add cameras and lay them out anew.
+        vary_array: also drop and add cameras and lay them out anew; a sample may then have a single camera, so take a batch
+            size of two or more.
     """
 
     gaussians: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: raw images only)")] = None

@@ -78,9 +78,10 @@ class DgpRecording:
         cameras = {}
         for datum in sample.cameras:
             _vehicle_from(calibration, datum)
-            size = (int(field(datum.content, side, datum.where)) for side in ("width", "height"))
+            width, height = (int(field(datum.content, side, datum.where)) for side in ("width", "height"))
+            pose = ego_from_world @ datum.world_from_sensor()
             try:
-                cameras[datum.name] = Camera(calibration.K[datum.name], *size, ego_from_world @ datum.world_from_sensor())
+                cameras[datum.name] = Camera(calibration.K[datum.name], width, height, pose)
             except ValueError as error:
                 raise ValueError(f"{calibration.path}: camera '{datum.name}': {error}") from error
         try:
