@@ -66,6 +66,6 @@ def require_pinhole(cameras: Sequence[Camera]) -> None:
     for i, camera in enumerate(cameras):
         if not isinstance(camera.lens, Pinhole):
             raise ValueError(
-                f"camera {i} of {len(cameras)} has the lens {camera.lens}; Gaussians are rendered through pinhole cameras only: "
-                "render with a Pinhole lens and distort the picture afterwards"
+                f"camera {i} of {len(cameras)} has the lens {camera.lens}; Gaussians are rendered through pinhole cameras "
+                "only: render with a Pinhole lens and distort the picture afterwards"
             )
