@@ -14,16 +14,17 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch_splats import render_torch
 
 from coin3d.geometry import Camera, Rig, fit_width, preset_rig
 from coin3d.records import write_json
 from coin3d.rendering import Gaussians, prepare
 from coin3d.rendering.cpu import instruction_sets, render_cpu
+from torch_splats import render_torch
 
 RESULT = Path(__file__).resolve().parents[1] / "results" / "benchmarks" / "render.json"
 BUSY_LOAD_PER_CORE = 0.5
@@ -107,7 +108,21 @@ def median_times(work: Callable[[], object], repetitions: int, images: int) -> t
         work()
         wall.append(time.perf_counter() - began)
         cpu.append(time.process_time() - began_cpu)
-    return (round(1e3 * statistics.median(t) / images, 2) for t in (wall, cpu))  # type: ignore[return-value]
+    return round(1e3 * statistics.median(wall) / images, 2), round(1e3 * statistics.median(cpu) / images, 2)
+
+
+def timed(views: str, renderer: str, threads: int, work: Callable[[], object], repetitions: int, images: int) -> Timing:
+    row = Timing(views, renderer, threads, *median_times(work, repetitions, images))
+    print(f"{views:9} {renderer:10} {threads:7}  {row.wall_ms:8.2f} {row.cpu_ms:8.2f}   {1e3 / row.wall_ms:8.1f}", flush=True)
+    return row
+
+
+def agree(gaussians: Gaussians, camera: Camera) -> None:
+    """Both renderers draw the same picture, or the comparison means nothing."""
+    colours, _, alpha = render_torch(gaussians, camera)
+    (ours,) = render_cpu(gaussians, [camera])
+    wrong = np.abs(colours.numpy() * 255 - ours.rgb).max(-1) > 4
+    assert wrong.mean() < 1e-3 and np.abs(alpha.numpy() - ours.alpha).mean() < 1e-4, f"{wrong.mean():.2%} of pixels differ"
 
 
 def main() -> None:
@@ -129,24 +144,15 @@ def main() -> None:
     for name in ("waymo", "nuscenes"):
         cameras = rig_views(name)
 
-        def add(
-            renderer: str, threads: int, work: Callable[[], object], repetitions: int, images: int, name: str = name
-        ) -> None:
-            row = Timing(name, renderer, threads, *median_times(work, repetitions, images))
-            rows.append(row)
-            print(
-                f"{name:9} {renderer:10} {threads:7}  {row.wall_ms:8.2f} {row.cpu_ms:8.2f}   {1e3 / row.wall_ms:8.1f}",
-                flush=True,
-            )
-
         for kind in instruction_sets():
             for threads in (1, 2):
-                add(kind, threads, lambda k=kind, t=threads, c=cameras: render_cpu(scene, c, threads=t, instruction_set=k),
-                    options.repetitions, len(cameras))  # fmt: skip
+                work = partial(render_cpu, scene, cameras, threads=threads, instruction_set=kind)
+                rows.append(timed(name, kind, threads, work, options.repetitions, len(cameras)))
         if not options.no_torch:
+            agree(gaussians, cameras[0])
             for threads in (1, 2):
                 torch.set_num_threads(threads)
-                add("torch", threads, lambda c=cameras: render_torch(gaussians, c[0]), 3, 1)
+                rows.append(timed(name, "torch", threads, partial(render_torch, gaussians, cameras[0]), 3, 1))
     machine = {"cores": cores, "load_before": round(load, 2), "torch": torch.__version__, "gaussians": len(gaussians)}
     write_json(options.out, {**machine, "prepare_ms": prepare_ms, "rows": rows})
     print(f"figures in {options.out}")

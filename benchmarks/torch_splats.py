@@ -79,7 +79,9 @@ def render_torch(gaussians: Gaussians, camera: Camera) -> tuple[Tensor, Tensor, 
                 before = torch.cat([transmittance[active][:, None], after[:, :-1]], 1)
                 drawn = (after >= MIN_TRANSMITTANCE) & open_[:, None]
                 out[active] += torch.einsum("tsp,tsc->tpc", alpha * before * drawn, values[s])
-                transmittance[active] = torch.where(drawn, after, before.new_tensor(2.0)).amin(1).clamp(max=transmittance[active])
+                transmittance[active] = (
+                    torch.where(drawn, after, before.new_tensor(2.0)).amin(1).clamp(max=transmittance[active])
+                )
                 open_ = open_ & drawn[:, -1]
                 position = position + STEP
                 go = (position < begin[active + 1]) & open_.any(1)

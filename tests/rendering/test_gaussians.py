@@ -95,6 +95,9 @@ def test_compact_chunks_take_ten_bytes_a_gaussian_and_wide_ones_stay_float32(tmp
     save_gaussians(tmp_path / "compact.safetensors", compact)
     assert (tmp_path / "compact.safetensors").stat().st_size < 10.3 * n
     wide = random_gaussians(n, spread_m=100)
+    centre = wide.centre_m.copy()
+    centre[::CHUNK] = 1  # near the ego origin, so that millimetres count
+    wide = Gaussians(centre, wide.std_m, wide.rgb)
     save_gaussians(tmp_path / "wide.safetensors", wide)
     np.testing.assert_array_equal(load_gaussians(tmp_path / "wide.safetensors").centre_m, wide.centre_m)
 

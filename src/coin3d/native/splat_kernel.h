@@ -148,7 +148,7 @@ static void composite(const SplatTile& tile) {
   for (int i = 0; i < kColumns; ++i) step_x[i] = static_cast<float>(i * kBlockWidth);
   for (int i = 0; i < kRows; ++i) step_y[i] = static_cast<float>(i * kBlockHeight);
   const Vec max_alpha = broadcast(kMaxAlpha), min_log2 = broadcast(kMinLog2Alpha), stop = broadcast(kMinTransmittance);
-  const IntVec sign = (IntVec)broadcast(-0.f);
+  const IntVec sign = IntVec{} + INT32_MIN;
 
   for (int64_t i = 0; i < tile.count && live; ++i) {
     if (i + 8 < tile.count) __builtin_prefetch(&tile.records[static_cast<uint32_t>(tile.keys[i + 8])]);
