@@ -129,8 +129,8 @@ def test_one_splat_by_hand(instruction_set: str) -> None:
         on, off = 1 + slope**2 + 0.3, slope**2  # J J^T is I + slope slope^T
         q = (on * dx * dx - 2 * off * dx * dy + on * dy * dy) / (on**2 - off**2)
         alpha = min(0.99, np.exp(-q / 2))
-        assert ours.alpha[y, x] == pytest.approx(alpha, rel=1e-5)
-        assert ours.depth_m[y, x] == pytest.approx(2 * alpha, rel=1e-5)
+        assert ours.alpha[y, x] == pytest.approx(alpha, rel=5e-5)
+        assert ours.depth_m[y, x] == pytest.approx(2 * alpha, rel=5e-5)
         assert np.abs(ours.rgb[y, x] - np.array([255, 100, 0]) * alpha).max() < 0.51
     assert ours.alpha[6, 8] == pytest.approx(0.99) and ours.alpha[0, 0] == 0 and ours.rgb[0, 0].max() == 0
 
@@ -154,6 +154,20 @@ def test_many_duplicates_at_equal_depth_stop_where_the_definition_does(instructi
         render_cpu(gaussians, [front_camera()], instruction_set=instruction_set)[0],
         render_reference(gaussians, front_camera()), scale_m=2,
     )  # fmt: skip
+
+
+@ALL_SETS
+def test_depths_that_differ_in_the_last_bit_are_kept_in_order(instruction_set: str) -> None:
+    """All but one fall into the same bucket of the sort, in reverse order."""
+    rng = np.random.default_rng(3)
+    z = [np.float32(2)]
+    for _ in range(299):
+        z.append(np.nextafter(z[-1], np.float32(0)))
+    rows = [((0.0, 0.0, float(d)), 0.2, tuple(int(c) for c in rng.integers(0, 256, 3))) for d in [1000.0, *z]]
+    gaussians, camera = scene(rows), front_camera()
+    assert_parity(
+        render_cpu(gaussians, [camera], instruction_set=instruction_set)[0], render_reference(gaussians, camera), scale_m=2
+    )
 
 
 @ALL_SETS
@@ -212,8 +226,8 @@ def test_depth_is_that_of_the_surface() -> None:
     (ours,) = render(
         dense_wall(), [Camera(np.array([[60.0, 0, 40], [0, 60, 25], [0, 0, 1]]), 80, 50, camera_pose([0, 0, 1.5]))]
     )
-    z = ours.depth_m / ours.alpha
-    assert 8 < z[25, 60] < 8.4 and 5 < z[25, 10] < 5.4
+    front, back = ((ours.depth_m / np.maximum(ours.alpha, 1e-6))[25, u] for u in (10, 60))
+    assert 5 < front < 5.4 and 8 < back < 8.4
 
 
 class _Fisheye:
