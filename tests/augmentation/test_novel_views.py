@@ -62,7 +62,7 @@ def folder(root: Path, *frames: Frame, raw_only: Sequence[str] = ()) -> Gaussian
     dot = Gaussians(np.array([[9, 0, 1]], np.float32), np.array([0.1], np.float32), np.array([[255, 0, 0]], np.uint8))
     for f in frames:
         save_gaussians(root / f.scene / f"{f.token}.safetensors", dot)
-    (root / "scenes.json").write_text(json.dumps({"raw_only": list(raw_only)}))
+    (root / "scenes.json").write_text(json.dumps({"raw_only": dict.fromkeys(raw_only, "a bus came out badly")}))
     return GaussianFolder.open(root)
 
 

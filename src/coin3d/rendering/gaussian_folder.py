@@ -6,11 +6,15 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from coin3d.geometry import Rig, load_rig
 from coin3d.rendering.gaussian_file import load_gaussians
 from coin3d.rendering.gaussians import Gaussians
 
+RIG_FILE = "rig.yaml"
+"""In a scene's folder: the rig of its first frame."""
+
 SCENES_FILE = "scenes.json"
-"""Beside the scenes' folders; its list ``raw_only`` names scenes that are never rendered for training."""
+"""Beside the scenes' folders; its ``raw_only`` names scenes never to be rendered for training, each with the reason."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +46,11 @@ class GaussianFolder:
             return cls(root)
         try:
             content = json.loads(path.read_bytes())
-            names = content.get("raw_only", [])
-            if not isinstance(names, list):
-                raise ValueError("raw_only is not a list")
+            names = content.get("raw_only", {})
+            if not isinstance(names, dict):
+                raise ValueError("raw_only is not an object")
         except (ValueError, AttributeError) as error:
-            raise ValueError(f"{path}: not a JSON object with a list 'raw_only' of scene names ({error})") from error
+            raise ValueError(f"{path}: not a JSON object with scene -> reason under 'raw_only' ({error})") from error
         return cls(root, frozenset(map(str, names)))
 
     def path(self, scene: str, token: str) -> Path:
@@ -61,3 +65,30 @@ class GaussianFolder:
         """
         path = self.path(scene, token)
         return None if scene in self.raw_only or not path.is_file() else load_gaussians(path)
+
+
+def find_frame(path: Path) -> Path:
+    """The file of one frame: the path itself, or the middle frame of a scene's folder.
+
+    Raises:
+        FileNotFoundError: nothing there, or a folder that is no built scene.
+    """
+    if path.is_file():
+        return path
+    # a scene's folder also holds the products of its steps; a frame's file has a rating of the same name
+    files = sorted(file for file in path.glob("*.safetensors") if (path / "quality" / f"{file.stem}.json").is_file())
+    if not files:
+        raise FileNotFoundError(f"{path}: holds no built frames; give the folder of a scene that coin3d build-scenes wrote")
+    return files[len(files) // 2]
+
+
+def recorded_rig(frame: Path) -> Rig:
+    """The rig a frame's images were recorded with.
+
+    Raises:
+        FileNotFoundError: the scene's folder does not say.
+    """
+    path = frame.parent / RIG_FILE
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: not there, so the rig of the recording is unknown; name a rig with --rig")
+    return load_rig(path)
