@@ -48,6 +48,9 @@ ROWS: dict[str, tuple[str, str, Any]] = {
 """Row -> (rig it is trained on, method, options)."""
 
 
+TITLES = {"direct": "direct transfer", "sfm": "SFM", "sfm+faug": "SFM + F-Aug", "oracle": "oracle"}
+
+
 def recording(work: Path, rig: str, split: str) -> Path:
     """The town through a rig, recorded unless it is there."""
     out = work / f"town_{rig}_{split}"
@@ -86,6 +89,20 @@ def run_row(name: str, work: Path, seed: int, steps: int | None) -> Path:
     return weights
 
 
+def markdown(results: Path = RESULTS) -> str:
+    """The README's table, from the results on disk: one line per row and seed."""
+    lines = [
+        "| trained as | on | nuScenes-like: mAP | mATE | mAOE | NDS* | Waymo-like: mAP | mATE | mAOE | NDS* |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, (source, _, _) in ROWS.items():
+        for path in sorted(results.glob(f"{name}_seed*.json")):
+            rows = {row["target"]: row for row in json.loads(path.read_text(encoding="utf-8"))["rows"]}
+            cells = [f"{rows[rig][key]:.3f}" for rig in ("nuscenes", "waymo") for key in ("mAP", "mATE", "mAOE", "NDS*")]
+            lines.append(f"| {TITLES[name]} | {source} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def ship(name: str, weights: Path) -> None:
     """Store a row's weights in half precision where the package finds them."""
     model, description = load_checkpoint(weights)
@@ -101,7 +118,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=int, help="other than the preset's")
     parser.add_argument("--ship", action="store_true", help="store the weights the demo uses")
+    parser.add_argument("--table", action="store_true", help="only print the README's table from the results on disk")
     arguments = parser.parse_args()
+    if arguments.table:
+        print(markdown())
+        return
     for name in arguments.rows:
         weights = run_row(name, arguments.work, arguments.seed, arguments.steps)
         if arguments.ship and name in SHIPPED:

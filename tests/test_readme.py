@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import re
+import runpy
 import shlex
 from pathlib import Path
 
@@ -69,3 +70,8 @@ def test_the_first_lines_say_what_matters() -> None:
         assert words in " ".join(top.split())
     assert "know only the town" in " ".join(README.split())
     assert len(README.splitlines()) < 200
+
+
+def test_the_transfer_table_is_the_measured_one() -> None:
+    benchmark = runpy.run_path(str(ROOT / "benchmarks" / "town_transfer.py"))
+    assert benchmark["markdown"]() in README
