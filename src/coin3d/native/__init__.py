@@ -1,5 +1,21 @@
 """C++17 kernels with numpy at the border. Each has a plain reference beside its Python caller; this folder imports nothing."""
 
-from coin3d.native._native import bev_pool_backward, bev_pool_forward, rotated_iou, rotated_nms
+from coin3d.native._native import (
+    TsdfVolume,
+    bev_pool_backward,
+    bev_pool_forward,
+    fill_holes,
+    marching_cubes,
+    rotated_iou,
+    rotated_nms,
+)
 
-__all__ = ["bev_pool_backward", "bev_pool_forward", "rotated_iou", "rotated_nms"]
+__all__ = [
+    "TsdfVolume",
+    "bev_pool_backward",
+    "bev_pool_forward",
+    "fill_holes",
+    "marching_cubes",
+    "rotated_iou",
+    "rotated_nms",
+]

@@ -7,6 +7,7 @@
 
 #include "bev_pool.h"
 #include "rotated_boxes.h"
+#include "scene_bindings.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -26,6 +27,7 @@ static void check_cells(Matrix<const int32_t> cell, int64_t cells) {
 }
 
 NB_MODULE(_native, m) {
+  coin3d::bind_scenes(m);
   m.def(
       "bev_pool_forward",
       [](Matrix<const float> depth, Matrix<const float> context, Matrix<const int32_t> cell, Matrix<float> bev, int threads) {
