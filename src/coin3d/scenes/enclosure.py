@@ -53,9 +53,7 @@ def enclosed(
     return np.asarray(inside | seen)
 
 
-def carved(
-    rays: RayCloud, voxel_m: float, low: Int[np.ndarray, "3"], shape: Int[np.ndarray, "3"]
-) -> Bool[np.ndarray, "x y z"]:
+def carved(rays: RayCloud, voxel_m: float, low: Int[np.ndarray, "3"], shape: Int[np.ndarray, "3"]) -> Bool[np.ndarray, "x y z"]:
     """Cells that two or more rays went through on their way to the object, at least two cells before they hit it."""
     stride = max(1, len(rays) // _MAX_CARVING_RAYS)
     thinned = rays[::stride]
@@ -87,10 +85,10 @@ def _below(mask: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
 
 def _sill(seen: Bool[np.ndarray, "x y z"], within: Bool[np.ndarray, "x y z"]) -> int:
     """The layer where the body begins: above the lowest seen one in most slices along the object, unless that is too high."""
-    profile = seen.any(1)
+    profile = np.asarray(seen.any(1))
     layers = np.flatnonzero(within.any((0, 1)))
     highest = int(layers[0]) + round(_SILL * len(layers))
-    lowest = profile[profile.any(1)].argmax(1)
+    lowest = profile[np.asarray(profile.any(1))].argmax(1)
     return min(int(np.median(lowest)) + 1, highest) if len(lowest) else highest
 
 
