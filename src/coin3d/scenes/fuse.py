@@ -52,15 +52,15 @@ class FusionSettings:
         """What suits a scene of so many sweeps.
 
         From 200 sweeps on (a nuScenes scene at 20 Hz has about 400) this is the released setting: truncation of three voxels
-        and five observations. Below, a voxel sees fewer points: ``min_weight`` falls with it to 1 at 40 sweeps, and below
-        that points also speak for the voxels beside them. The narrower band of sparse scenes keeps the two sides of thin things
-        apart, which no majority of observations does for them.
+        and five observations. With fewer, a voxel sees fewer points: the least weight falls with their number, and points
+        also speak for the voxels beside them, so that surfaces close between the rings of the LiDAR. The narrower band of
+        the sparsest scenes keeps the two sides of thin things apart, which no majority of observations does there.
         """
         if sweeps >= 200:
             return cls(voxel_m)
         if sweeps >= 40:
-            return cls(voxel_m, min_weight=float(max(1, sweeps // 40)), spread=0)
-        return cls(voxel_m, truncation_voxels=2.5, min_weight=1.0 if sweeps >= 10 else 0.5, spread=1)
+            return cls(voxel_m, min_weight=float(sweeps // 40), spread=1)
+        return cls(voxel_m, truncation_voxels=2.5, min_weight=1.0 if sweeps >= 10 else 0.2, spread=2)
 
 
 @dataclass(frozen=True, eq=False)
