@@ -91,7 +91,7 @@ class Scene:
 
 @pytest.fixture(scope="module")
 def town() -> Scene:
-    world = build_world(3, TownOptions(people=0.1, duration_s=3.0))
+    world = build_world(3, TownOptions(traffic=0.5, people=0.1, duration_s=3.0))
     sweeps = drive(world, key_frames=4)
     return Scene(world, sweeps, split_scene(sweeps.frames, sweeps.sweeps), build_meshes(sweeps.frames, sweeps.sweeps))
 
