@@ -8,6 +8,10 @@ from coin3d.native._native import (
     marching_cubes,
     rotated_iou,
     rotated_nms,
+    splat_bounds,
+    splat_chunk,
+    splat_instruction_sets,
+    splat_render,
 )
 
 __all__ = [
@@ -18,4 +22,8 @@ __all__ = [
     "marching_cubes",
     "rotated_iou",
     "rotated_nms",
+    "splat_bounds",
+    "splat_chunk",
+    "splat_instruction_sets",
+    "splat_render",
 ]

@@ -1,13 +1,16 @@
 // Python bindings. Shapes and types are checked here; the functions behind trust their arguments.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <stdexcept>
 
 #include "bev_pool.h"
 #include "rotated_boxes.h"
 #include "scene_bindings.h"
+#include "splat.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -24,6 +27,64 @@ static void require(bool ok, const char* message) {
 static void check_cells(Matrix<const int32_t> cell, int64_t cells) {
   const int32_t* p = cell.data();
   for (size_t i = 0; i < cell.size(); ++i) require(p[i] < cells, "a cell index lies outside the grid");
+}
+
+static int64_t splat_chunks(size_t n) { return (static_cast<int64_t>(n) + coin3d::kSplatChunk - 1) / coin3d::kSplatChunk; }
+
+// A camera is one row: rotation (9), position (3), two rows of K (6), slope limits (4), width, height.
+static coin3d::SplatCamera splat_camera(const double* row) {
+  coin3d::SplatCamera c;
+  std::copy(row, row + 9, c.rotation);
+  std::copy(row + 9, row + 12, c.position);
+  std::copy(row + 12, row + 18, c.K);
+  std::copy(row + 18, row + 22, c.limits);
+  c.width = static_cast<int64_t>(row[22]);
+  c.height = static_cast<int64_t>(row[23]);
+  return c;
+}
+
+static void bind_splat(nb::module_& m) {
+  m.attr("splat_chunk") = coin3d::kSplatChunk;
+  m.def("splat_instruction_sets", &coin3d::splat_instruction_sets);
+  m.def(
+      "splat_bounds",
+      [](Matrix<const float> centre, Vector<const float> std, Matrix<float> bounds) {
+        require(centre.shape(1) == 3 && std.shape(0) == centre.shape(0), "centre and std differ in shape");
+        require(static_cast<int64_t>(bounds.shape(0)) == splat_chunks(std.shape(0)) && bounds.shape(1) == coin3d::kSplatBounds,
+                "wrong shape of bounds");
+        nb::gil_scoped_release release;
+        coin3d::splat_bounds(centre.data(), std.data(), std.shape(0), bounds.data());
+      },
+      "centre"_a, "std"_a, "bounds"_a);
+  m.def(
+      "splat_render",
+      [](Matrix<const float> centre, Vector<const float> std, Matrix<const uint8_t> rgb, Matrix<const float> bounds,
+         Matrix<const double> cameras, std::vector<nb::ndarray<uint8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>> images,
+         std::vector<Matrix<float>> depths, std::vector<Matrix<float>> alphas, int threads,
+         const std::string& instruction_set) {
+        require(centre.shape(1) == 3 && std.shape(0) == centre.shape(0), "centre and std differ in shape");
+        require(rgb.shape(0) == centre.shape(0) && rgb.shape(1) == 3, "centre and rgb differ in shape");
+        require(static_cast<int64_t>(bounds.shape(0)) == splat_chunks(std.shape(0)) && bounds.shape(1) == coin3d::kSplatBounds,
+                "wrong shape of bounds");
+        require(cameras.shape(1) == 24, "a camera is a row of 24 numbers");
+        const size_t n = cameras.shape(0);
+        require(images.size() == n && depths.size() == n && alphas.size() == n, "one image, depth and alpha per camera");
+        std::vector<coin3d::SplatCamera> views;
+        std::vector<coin3d::SplatImage> outputs;
+        for (size_t i = 0; i < n; ++i) {
+          views.push_back(splat_camera(cameras.data() + 24 * i));
+          const size_t w = views[i].width, h = views[i].height;
+          require(images[i].shape(0) == h && images[i].shape(1) == w && images[i].shape(2) == 3, "wrong shape of an image");
+          require(depths[i].shape(0) == h && depths[i].shape(1) == w, "wrong shape of a depth map");
+          require(alphas[i].shape(0) == h && alphas[i].shape(1) == w, "wrong shape of an alpha map");
+          outputs.push_back({images[i].data(), depths[i].data(), alphas[i].data()});
+        }
+        nb::gil_scoped_release release;
+        coin3d::splat_render({centre.data(), std.data(), rgb.data(), bounds.data(), static_cast<int64_t>(std.shape(0))}, views,
+                             outputs, threads, instruction_set);
+      },
+      "centre"_a, "std"_a, "rgb"_a, "bounds"_a, "cameras"_a, "images"_a, "depths"_a, "alphas"_a, "threads"_a,
+      "instruction_set"_a);
 }
 
 NB_MODULE(_native, m) {
@@ -75,4 +136,5 @@ NB_MODULE(_native, m) {
         return coin3d::rotated_nms(boxes.data(), order.data(), static_cast<int64_t>(order.shape(0)), iou_threshold);
       },
       "boxes"_a, "order"_a, "iou_threshold"_a);
+  bind_splat(m);
 }
