@@ -64,7 +64,7 @@ def test_other_settings_do_not_continue_a_run(tiny_recording: Path, tmp_path: Pa
     run(tiny_recording, tmp_path)
     with pytest.raises(ValueError, match="holds a run with another training; choose an empty folder"):
         run(tiny_recording, tmp_path, options=replace(OPTIONS, learning_rate=1.0))
-    with pytest.raises(ValueError, match="another method; choose"):
+    with pytest.raises(ValueError, match="another method, options; choose"):
         run(tiny_recording, tmp_path, method="direct", method_options=METHODS["direct"][0]())
 
 
