@@ -1,8 +1,11 @@
 """C++17 kernels with numpy at the border. Each has a plain reference beside its Python caller; this folder imports nothing."""
 
 from coin3d.native._native import (
+    TsdfVolume,
     bev_pool_backward,
     bev_pool_forward,
+    fill_holes,
+    marching_cubes,
     rotated_iou,
     rotated_nms,
     splat_bounds,
@@ -12,8 +15,11 @@ from coin3d.native._native import (
 )
 
 __all__ = [
+    "TsdfVolume",
     "bev_pool_backward",
     "bev_pool_forward",
+    "fill_holes",
+    "marching_cubes",
     "rotated_iou",
     "rotated_nms",
     "splat_bounds",

@@ -9,6 +9,7 @@
 
 #include "bev_pool.h"
 #include "rotated_boxes.h"
+#include "scene_bindings.h"
 #include "splat.h"
 
 namespace nb = nanobind;
@@ -87,6 +88,7 @@ static void bind_splat(nb::module_& m) {
 }
 
 NB_MODULE(_native, m) {
+  coin3d::bind_scenes(m);
   m.def(
       "bev_pool_forward",
       [](Matrix<const float> depth, Matrix<const float> context, Matrix<const int32_t> cell, Matrix<float> bev, int threads) {
