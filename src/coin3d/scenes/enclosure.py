@@ -50,7 +50,9 @@ def enclosed(
     return inside | seen
 
 
-def carved(rays: RayCloud, voxel_m: float, low: Int[np.ndarray, "3"], shape: Int[np.ndarray, "3"]) -> Bool[np.ndarray, "x y z"]:
+def carved(
+    rays: RayCloud, voxel_m: float, low: Int[np.ndarray, "3"], shape: Int[np.ndarray, "3"]
+) -> Bool[np.ndarray, "x y z"]:
     """Cells that two or more rays went through on their way to the object, at least two cells before they hit it."""
     stride = max(1, len(rays) // _MAX_CARVING_RAYS)
     thinned = rays[::stride]
