@@ -12,9 +12,7 @@ from coin3d.geometry import Pose
 from coin3d.geometry.mesh import TriangleMesh
 from coin3d.geometry.mesh_file import load_mesh, save_mesh
 
-TETRAHEDRON = TriangleMesh.create(
-    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-)
+TETRAHEDRON = TriangleMesh.create([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
 def test_volume_and_closedness_of_a_tetrahedron() -> None:

@@ -153,7 +153,9 @@ def test_a_sweep_over_flat_ground_gives_flat_ground() -> None:
     for step in range(8):
         sensor = np.array([0.7 * step, 0.0, 1.84 + 0.05])
         distance = 1.84 / np.sin(-elevation) + rng.normal(0, 0.015, (24, 1084))
-        rays = np.stack(np.broadcast_arrays(np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)), -1)
+        flat = np.cos(elevation)
+        unit = [flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation) + 0 * azimuth]
+        rays = np.stack(unit, axis=-1)
         clouds.append(RayCloud.from_origin((sensor + rays * distance[..., None]).reshape(-1, 3), sensor))
     mesh = fuse(RayCloud.concatenate(clouds), FusionSettings.for_sweeps(8)).surface()
     near = np.linalg.norm(mesh.vertices_m[:, :2] - [2.5, 0], axis=1) < 15

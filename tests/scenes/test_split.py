@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_world import MemoryLidar, ring_rig
-from tiny_recording import EGO_FROM_LIDAR, car_world, world_from_ego
 
 from coin3d.datasets.frame import Frame
 from coin3d.datasets.nuscenes_format import NuScenesRecording
 from coin3d.geometry import Boxes3D, Pose
 from coin3d.scenes.split import MIN_RANGE_M, split_scene
 from coin3d.scenes.tracks import build_tracks, instance_names, key_interval_ns
+from small_world import MemoryLidar, ring_rig
+from tiny_recording import EGO_FROM_LIDAR, car_world, world_from_ego
 
 SECOND = 1_000_000_000
 
@@ -80,7 +80,10 @@ def test_nobody_claims_points_long_before_or_after_it_was_annotated() -> None:
     empty = np.zeros((0, 3))
     times = [0, 1, 2, 3, 8, 9]
     there = [False, True, True, False, False, True]
-    frames = [box_frame(t * SECOND // 2, empty, one_box(10 + t) if on else Boxes3D.empty()) for t, on in zip(times, there, strict=True)]
+    frames = [
+        box_frame(t * SECOND // 2, empty, one_box(10 + t) if on else Boxes3D.empty())
+        for t, on in zip(times, there, strict=True)
+    ]
     track, interval = build_tracks(frames)["car"], key_interval_ns(frames)
     assert interval == SECOND // 2
     half = SECOND // 4

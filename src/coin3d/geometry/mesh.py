@@ -33,7 +33,9 @@ class TriangleMesh:
                 raise ValueError(f"a mesh has {name} in rows of three, got the shape {rows.shape}")
         bad = ~np.isfinite(self.vertices_m).all(1)
         if bad.any():
-            raise ValueError(f"vertex {int(np.argmax(bad))} of a mesh is not finite: {self.vertices_m[np.argmax(bad)].tolist()}")
+            raise ValueError(
+                f"vertex {int(np.argmax(bad))} of a mesh is not finite: {self.vertices_m[np.argmax(bad)].tolist()}"
+            )
         missing = ((self.faces < 0) | (self.faces >= len(self.vertices_m))).any(1)
         if missing.any():
             row = int(np.argmax(missing))

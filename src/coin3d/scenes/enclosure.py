@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 from scipy import ndimage
 
 from coin3d.scenes.ray_cloud import RayCloud
 
-# LiDAR rings leave gaps of this height on an object that keeps its distance
-_RING_GAP_M = 0.6
-# an end of the box with nothing seen in this share of its length was not seen at all
-_UNSEEN_END = 0.15
+# gaps along the object that are closed: at most this long, and this share of its length
+_GAP_M, _GAP_SHARE = 0.6, 0.3
+# an end of the box counts as seen if the last share of its length holds this share of the seen cells
+_END, _SEEN_END = 0.15, 0.05
+# people and riders do not fill their boxes
+_SHORTEST_BODY_M = 2.5
+# wheels reach the ground, bodies do not: nothing is added under the sill, which is in the lowest share of the height
+_SILL = 0.15
 _MAX_CARVING_RAYS = 30_000
 
 
@@ -21,9 +25,10 @@ def enclosed(
     """Cells inside the object.
 
     Each axis votes for the cells between two seen ones. Upwards a cell needs something seen above it only, since nobody looks
-    at an object from below; it must not lie under the lowest cell seen in its slice along the object. An end of the box at
-    which nothing was seen counts as seen, so that a car followed from behind has a front. One vote is enough where no ray
-    went through; the vertical vote together with a horizontal one also overrules rays, which come in through windows.
+    at an object from below; the bottom is where the lowest parts were seen, wheels not counted. An end of the box at which
+    next to nothing was seen counts as seen, so that a car followed from behind has a front. One vote is enough where no ray
+    went through; the vertical vote together with a horizontal one also overrules rays, which come in through windows. In the
+    end what is below a cell inside is inside too: rings of a LiDAR are a metre apart on a far truck.
 
     Args:
         seen: cells with a surface.
@@ -31,28 +36,24 @@ def enclosed(
         free: cells that rays went through.
         voxel_m: side of a cell.
     """
-    length_rows = np.flatnonzero(within.any((1, 2)))
-    first, last = int(length_rows[0]), int(length_rows[-1])
-    end = max(1, round(_UNSEEN_END * (last - first + 1)))
-    rear, front = _before(seen, 0), _before(seen[::-1], 0)[::-1]
-    if not seen[: first + end].any():
-        rear = rear | (within & (np.arange(len(seen)) >= first)[:, None, None])
-    if not seen[last + 1 - end :].any():
-        front = front | within
-    along = rear & front
+    rows = np.flatnonzero(within.any((1, 2)))
+    first, last = int(rows[0]), int(rows[-1])
+    end, enough = max(1, round(_END * len(rows))), _SEEN_END * seen.sum()
+    behind, ahead = _before(seen, 0), _before(seen[::-1], 0)[::-1]
+    if len(rows) * voxel_m >= _SHORTEST_BODY_M:
+        behind = behind | within if seen[: first + end].sum() < enough else behind
+        ahead = ahead | within if seen[last + 1 - end :].sum() < enough else ahead
+    along = behind & ahead
     across = _before(seen, 1) & _before(seen[:, ::-1], 1)[:, ::-1]
-    under = _before(seen[:, :, ::-1], 2)[:, :, ::-1] & (np.arange(seen.shape[2]) >= _floor(seen)[:, None])[:, None, :]
-    sure = under & (along | across)
-    inside = sure | ((along | across | under) & ~free)
-    gap = 1 + 2 * int(np.ceil(_RING_GAP_M / voxel_m / 2))
-    for axis in (2, 0):
-        inside |= _closed_along(inside, axis, gap) & ~free
-    return inside | seen
+    under = _below(seen)
+    inside = (under & (along | across)) | ((along | across | under) & ~free)
+    inside |= _closed_along(inside, 1 + round(min(_GAP_M / voxel_m, _GAP_SHARE * len(rows)))) & ~free
+    inside |= _below(inside) & ~free
+    inside[:, :, : _sill(seen, within)] = False
+    return np.asarray(inside | seen)
 
 
-def carved(
-    rays: RayCloud, voxel_m: float, low: Int[np.ndarray, "3"], shape: Int[np.ndarray, "3"]
-) -> Bool[np.ndarray, "x y z"]:
+def carved(rays: RayCloud, voxel_m: float, low: Int[np.ndarray, "3"], shape: Int[np.ndarray, "3"]) -> Bool[np.ndarray, "x y z"]:
     """Cells that two or more rays went through on their way to the object, at least two cells before they hit it."""
     stride = max(1, len(rays) // _MAX_CARVING_RAYS)
     thinned = rays[::stride]
@@ -77,21 +78,21 @@ def _before(mask: Bool[np.ndarray, "x y z"], axis: int) -> Bool[np.ndarray, "x y
     return np.asarray(np.logical_or.accumulate(mask, axis=axis))
 
 
-def _floor(seen: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "x"]:
-    """For every slice along the object the lowest seen row; slices without take it from the nearest with."""
-    profile = seen.any(1)
-    rows = np.flatnonzero(profile.any(1))
-    if not len(rows):
-        return np.zeros(len(seen), dtype=np.int64)
-    lowest = profile[rows].argmax(1)
-    nearest = np.abs(np.arange(len(seen))[:, None] - rows).argmin(1)
-    return np.asarray(lowest[nearest])
+def _below(mask: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
+    """Cells with a marked one at them or above them."""
+    return _before(mask[:, :, ::-1], 2)[:, :, ::-1]
 
 
-def _closed_along(mask: Bool[np.ndarray, "x y z"], axis: int, length: int) -> Bool[np.ndarray, "x y z"]:
-    """Gaps shorter than ``length`` cells along one axis filled."""
-    shape = [1, 1, 1]
-    shape[axis] = length
-    closed = ndimage.binary_closing(np.pad(mask, length), np.ones(shape, dtype=bool))
-    inner = slice(length, -length)
-    return np.asarray(closed[inner, inner, inner])
+def _sill(seen: Bool[np.ndarray, "x y z"], within: Bool[np.ndarray, "x y z"]) -> int:
+    """The layer where the body begins: above the lowest seen one in most slices along the object, unless that is too high."""
+    profile = np.asarray(seen.any(1))
+    layers = np.flatnonzero(within.any((0, 1)))
+    highest = int(layers[0]) + round(_SILL * len(layers))
+    lowest = profile[np.asarray(profile.any(1))].argmax(1)
+    return min(int(np.median(lowest)) + 1, highest) if len(lowest) else highest
+
+
+def _closed_along(mask: Bool[np.ndarray, "x y z"], length: int) -> Bool[np.ndarray, "x y z"]:
+    """Gaps of fewer than ``length`` cells along the object filled."""
+    closed = ndimage.binary_closing(np.pad(mask, ((length, length), (0, 0), (0, 0))), np.ones((length, 1, 1), dtype=bool))
+    return np.asarray(closed[length:-length])

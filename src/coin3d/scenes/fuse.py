@@ -50,8 +50,8 @@ class FusionSettings:
     def for_sweeps(cls, sweeps: int, voxel_m: float = 0.1) -> FusionSettings:
         """What suits a scene of so many sweeps.
 
-        From 200 sweeps on (a nuScenes scene at 20 Hz has about 400) this is the released setting: truncation of three voxels and
-        five observations. Below, a voxel sees fewer points: ``min_weight`` falls with the number to 1 at 40 sweeps, and below
+        From 200 sweeps on (a nuScenes scene at 20 Hz has about 400) this is the released setting: truncation of three voxels
+        and five observations. Below, a voxel sees fewer points: ``min_weight`` falls with the number to 1 at 40 sweeps, and below
         that points also speak for the voxels beside them. The narrower band of sparse scenes keeps the two sides of thin things
         apart, which no majority of observations does for them.
         """

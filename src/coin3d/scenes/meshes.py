@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +16,7 @@ from coin3d.scenes.split import ObjectRays, SweepsOf, no_sweeps, split_scene
 from coin3d.scenes.watertight import MIN_POINTS, close_object, object_voxel_m
 
 
+@runtime_checkable
 class MeshRepair(Protocol):
     """Makes the open mesh of an object watertight; for libraries whose licence keeps them out of this package."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -109,7 +110,7 @@ def build_tracks(frames: Sequence[Frame]) -> dict[str, Track]:
         ValueError: frames out of order, or an instance twice in one frame.
     """
     times = [f.timestamp_ns for f in frames]
-    if any(b <= a for a, b in zip(times[:-1], times[1:], strict=True)):
+    if any(b <= a for a, b in pairwise(times)):
         raise ValueError("the frames of a scene are not in time order: sort them by timestamp_ns")
     rows: dict[str, list[tuple[Frame, int]]] = {}
     for frame in frames:

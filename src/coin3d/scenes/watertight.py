@@ -113,7 +113,7 @@ def _tidy(inside: Bool[np.ndarray, "x y z"], cell: Int[np.ndarray, "n 3"]) -> Bo
 def _surface(
     inside: Bool[np.ndarray, "x y z"], known_m: Float[np.ndarray, "x y z"], low: Int[np.ndarray, "3"], voxel_m: float
 ) -> TriangleMesh:
-    """The zero surface of a field that is the known one where their signs agree, and a smoothed distance to the cells elsewhere."""
+    """The zero surface of the known field where it agrees with the cells, and of a smoothed distance to them elsewhere."""
     if not inside.any():
         return TriangleMesh.empty()
     distance = ndimage.distance_transform_edt(~inside) - ndimage.distance_transform_edt(inside)
