@@ -72,13 +72,29 @@ struct Grid {
     rows = (camera.height + height - 1) / height;
   }
 
-  // Calls visit for every tile the splat touches. Most touch one to four.
-  template <typename Visit>
-  void tiles(const SplatRecord& r, const Visit& visit) const {
-    const int64_t x0 = r.x0 >> column_shift, x1 = r.x1 >> column_shift;
-    const int64_t y0 = r.y0 >> row_shift, y1 = r.y1 >> row_shift;
-    for (int64_t y = y0; y <= y1; ++y)
-      for (int64_t x = x0; x <= x1; ++x) visit(y * columns + x);
+  // For every tile the splat touches: write(tile, counter[tile]), then count. Nearly all splats touch at most 2x2 tiles; those
+  // take no branch: a tile that is named twice is written twice, the same into the same place, and counted once.
+  template <typename Write>
+  void each_tile(const SplatRecord& r, uint32_t* counter, const Write& write) const {
+    const int64_t x = r.x0 >> column_shift, right = (r.x1 >> column_shift) - x;
+    const int64_t y = r.y0 >> row_shift, down = (r.y1 >> row_shift) - y;
+    const int64_t first = y * columns + x;
+    if ((right | down) <= 1) {
+      const int64_t tile[4] = {first + down * columns + right, first + down * columns, first + right, first};
+      const int64_t touched[4] = {right & down, down, right, 1};
+      const uint32_t count[4] = {counter[tile[0]], counter[tile[1]], counter[tile[2]], counter[tile[3]]};
+      for (int k = 0; k < 4; ++k) {
+        write(tile[k], count[k]);
+        counter[tile[k]] = count[k] + static_cast<uint32_t>(touched[k]);
+      }
+      return;
+    }
+    for (int64_t j = 0; j <= down; ++j)
+      for (int64_t i = 0; i <= right; ++i) {
+        const int64_t tile = first + j * columns + i;
+        write(tile, counter[tile]);
+        ++counter[tile];
+      }
   }
 };
 
@@ -105,7 +121,7 @@ void render_one(const SplatScene& scene, const SplatCamera& camera, const SplatI
       const int64_t n = kernel.project(scene, first, std::min(kSplatChunk, scene.n - first), view, records + slot,
                                        depth_bits + slot);
       work.visible[c] = n;
-      for (int64_t i = slot; i < slot + n; ++i) grid.tiles(records[i], [&](int64_t tile) { ++count[tile]; });
+      for (int64_t i = slot; i < slot + n; ++i) grid.each_tile(records[i], count, [](int64_t, uint32_t) {});
     }
   });
 
@@ -131,7 +147,7 @@ void render_one(const SplatScene& scene, const SplatCamera& camera, const SplatI
       const int64_t slot = c * kSplatChunk;
       for (int64_t i = slot; i < slot + work.visible[c]; ++i) {
         const SplatKey key = static_cast<SplatKey>(depth_bits[i]) << 32 | static_cast<SplatKey>(i);
-        grid.tiles(records[i], [&](int64_t tile) { keys[tile_begin[tile] + end[tile]++] = key; });
+        grid.each_tile(records[i], end, [&](int64_t tile, uint32_t n) { keys[tile_begin[tile] + n] = key; });
       }
     }
   });

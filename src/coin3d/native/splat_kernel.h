@@ -42,7 +42,7 @@ static void project_rows(const float* __restrict centre, const float* __restrict
                 cyy = ratio2 * (s.g11 + ky * ky) + kBlur;
     const float det = ratio2 * ratio2 * s.det_g * (1.f + slope_x * slope_x + slope_y * slope_y) +
                       kBlur * ratio2 * (s.trace_g + kx * kx + ky * ky) + kBlur * kBlur;
-    const float scale = -0.5f * log2e / det;
+    const float scale = -0.5f / 8.f * log2e / det;
     // half the bounding box, grown by more than the rounding of u and v
     const float reach_x = __builtin_sqrtf(kCutoff * cxx) + 0.01f, reach_y = __builtin_sqrtf(kCutoff * cyy) + 0.01f;
     const float left = u - reach_x, right = u + reach_x, top = v - reach_y, bottom = v + reach_y;
@@ -105,21 +105,32 @@ static void open_pixels(const SplatTile& tile, Block* blocks, uint64_t& live) {
 }
 
 static void write_pixels(const SplatTile& tile, const Block* blocks) {
+  const SplatImage image = tile.image;
+  const int64_t image_width = tile.width, image_height = tile.height;
   for (int b = 0; b < kColumns * kRows; ++b) {
     const int64_t x0 = tile.x0 + (b % kColumns) * kBlockWidth, y0 = tile.y0 + (b / kColumns) * kBlockHeight;
+    if (x0 >= image_width) continue;
+    const int columns = static_cast<int>(image_width - x0 < kBlockWidth ? image_width - x0 : kBlockWidth);
+    const Block& block = blocks[b];
     const Vec half = broadcast(0.5f);
-    const IntVec red = __builtin_convertvector(blocks[b].red + half, IntVec),
-                 green = __builtin_convertvector(blocks[b].green + half, IntVec),
-                 blue = __builtin_convertvector(blocks[b].blue + half, IntVec);
-    for (int l = 0; l < kLanes; ++l) {
-      const int64_t x = x0 + l % kBlockWidth, y = y0 + l / kBlockWidth;
-      if (x >= tile.width || y >= tile.height) continue;
-      const int64_t pixel = y * tile.width + x;
-      tile.image.rgb[3 * pixel] = static_cast<uint8_t>(red[l]);
-      tile.image.rgb[3 * pixel + 1] = static_cast<uint8_t>(green[l]);
-      tile.image.rgb[3 * pixel + 2] = static_cast<uint8_t>(blue[l]);
-      tile.image.depth[pixel] = blocks[b].depth[l];
-      tile.image.alpha[pixel] = 1.f - __builtin_fabsf(blocks[b].transmittance[l]);
+    const IntVec red = __builtin_convertvector(block.red + half, IntVec),
+                 green = __builtin_convertvector(block.green + half, IntVec),
+                 blue = __builtin_convertvector(block.blue + half, IntVec);
+    const IntVec packed = red | (green << 8) | (blue << 16);
+    const Vec alpha = 1.f - (Vec)((IntVec)block.transmittance & INT32_MAX);
+    alignas(64) uint8_t colours[4 * kLanes];
+    alignas(64) float depths[kLanes], alphas[kLanes];
+    __builtin_memcpy(colours, &packed, sizeof colours);
+    __builtin_memcpy(depths, &block.depth, sizeof depths);
+    __builtin_memcpy(alphas, &alpha, sizeof alphas);
+    for (int row = 0; row < kBlockHeight && y0 + row < image_height; ++row) {
+      const int64_t pixel = (y0 + row) * image_width + x0;
+      const int lane = row * kBlockWidth;
+      for (int x = 0; x < columns; ++x) {
+        __builtin_memcpy(image.rgb + 3 * (pixel + x), colours + 4 * (lane + x), 3);
+        image.depth[pixel + x] = depths[lane + x];
+        image.alpha[pixel + x] = alphas[lane + x];
+      }
     }
   }
 }
@@ -147,8 +158,8 @@ static void composite(const SplatTile& tile) {
   float step_x[kColumns], step_y[kRows];
   for (int i = 0; i < kColumns; ++i) step_x[i] = static_cast<float>(i * kBlockWidth);
   for (int i = 0; i < kRows; ++i) step_y[i] = static_cast<float>(i * kBlockHeight);
-  const Vec max_alpha = broadcast(kMaxAlpha), min_log2 = broadcast(kMinLog2Alpha), stop = broadcast(kMinTransmittance);
-  const IntVec sign = (IntVec)broadcast(-0.f);
+  const Vec max_alpha = broadcast(kMaxAlpha), lowest = broadcast(kMinLog2Alpha / 8.f), stop = broadcast(kMinTransmittance);
+  const IntVec sign = IntVec{} + INT32_MIN;
 
   for (int64_t i = 0; i < tile.count && live; ++i) {
     if (i + 8 < tile.count) __builtin_prefetch(&tile.records[static_cast<uint32_t>(tile.keys[i + 8])]);
@@ -167,11 +178,11 @@ static void composite(const SplatTile& tile) {
       mask &= mask - 1;
       Block& block = blocks[b];
       const Vec dx = first_dx + step_x[b % kColumns], dy = first_dy + step_y[b / kColumns];
-      const Vec log2_alpha = (xx * dx + xy * dy) * dx + (yy * dy) * dy;
-      const Vec alpha = keep(not_less(log2_alpha, min_log2), smaller(exp2_near_zero(log2_alpha), max_alpha));
-      const Vec before = block.transmittance, after = before - alpha * before;
+      const Vec exponent = (xx * dx + xy * dy) * dx + (yy * dy) * dy;
+      const Vec alpha = keep(not_less(exponent, lowest), smaller(exp2_eightfold(exponent), max_alpha));
+      const Vec before = block.transmittance, after = minus_product(before, alpha, before);
       const Mask finished = less(after, stop);  // holds for pixels that were finished before: their sign is set
-      const Vec weight = drop(finished, alpha * before);
+      const Vec weight = product_unless(finished, alpha, before);
       block.transmittance = choose(finished, (Vec)((IntVec)before | sign), after);
       block.red += weight * red;
       block.green += weight * green;

@@ -14,7 +14,7 @@ constexpr float kCutoff = 11.08253f;         // 2 ln 255: beyond this squared di
 constexpr float kMinLog2Alpha = -7.994353f;  // -log2 255
 constexpr int kMaxBlocks = 65535;            // block positions are 16-bit
 
-// One Gaussian on the image. log2(alpha) = xx dx^2 + xy dx dy + yy dy^2 with (dx, dy) = pixel centre - (u, v).
+// One Gaussian on the image. log2(alpha) / 8 = xx dx^2 + xy dx dy + yy dy^2 with (dx, dy) = pixel centre - (u, v).
 struct SplatRecord {
   float u, v, xx, xy, yy;
   uint32_t rgb;

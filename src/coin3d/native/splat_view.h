@@ -48,15 +48,15 @@ inline SplatView splat_view(const SplatCamera& camera) {
   return v;
 }
 
-// False only if no splat of the chunk can touch the image.
+// False only if no splat of the chunk can touch the image. Written so that a number that overflowed counts as seen.
 inline bool sees_chunk(const SplatView& v, const float* bounds) {
   const float ex = bounds[0] - v.position[0], ey = bounds[1] - v.position[1], ez = bounds[2] - v.position[2];
   const float x = v.r[0] * ex + v.r[1] * ey + v.r[2] * ez;
   const float y = v.r[3] * ex + v.r[4] * ey + v.r[5] * ez;
   const float z = v.r[6] * ex + v.r[7] * ey + v.r[8] * ez;
-  bool seen = z + bounds[3] > kNear;
-  for (const float* p : v.planes) seen &= p[0] * x + p[1] * y + p[2] * z + p[3] * bounds[3] + p[4] * bounds[4] >= 0;
-  return seen;
+  bool hidden = z + bounds[3] <= kNear;
+  for (const auto& p : v.planes) hidden |= p[0] * x + p[1] * y + p[2] * z + p[3] * bounds[3] + p[4] * bounds[4] < 0;
+  return !hidden;
 }
 
 }  // namespace coin3d

@@ -36,9 +36,7 @@ def render_cuda(gaussians: Gaussians, cameras: Sequence[Camera]) -> list[Renderi
     return render_with(rasterization, gaussians, cameras, torch.device("cuda"))
 
 
-def render_with(
-    rasterize: Rasterize, gaussians: Gaussians, cameras: Sequence[Camera], device: torch.device
-) -> list[Rendering]:
+def render_with(rasterize: Rasterize, gaussians: Gaussians, cameras: Sequence[Camera], device: torch.device) -> list[Rendering]:
     """Render with a function that has the interface of ``gsplat.rasterization``; cameras of one size share a call."""
     require_pinhole(cameras)
     for i, camera in enumerate(cameras):

@@ -58,7 +58,7 @@ def render_reference(gaussians: Gaussians, camera: Camera) -> ExactRendering:
     rgb, depth_m = np.zeros((*open_.shape, 3)), np.zeros(open_.shape)
     for k in range(len(splats.depth_m)):
         offset = pixels - splats.pixel[k]
-        q = np.einsum("hwi,ij,hwj->hw", offset, splats.precision[k], offset)
+        q = ((offset @ splats.precision[k]) * offset).sum(-1)
         alpha = np.minimum(MAX_ALPHA, np.exp(-q / 2))
         remaining = transmittance * (1 - alpha)
         drawn = open_ & (alpha >= MIN_ALPHA)

@@ -10,11 +10,12 @@ from jaxtyping import Float32, UInt8
 
 from coin3d.geometry import Camera, Pinhole
 
-NEAR_M = 0.2
+NEAR_M = float(np.float32(0.2))
 """Gaussians whose centre is not farther than this from the camera plane are not drawn."""
 BLUR_PX2 = 0.3
 """Added to both variances on screen: a splat is never thinner than a pixel."""
 MAX_ALPHA = float(np.float32(0.99))
+"""A single-precision number on purpose: two such splats leave less than MIN_TRANSMITTANCE, and so a pixel stops."""
 MIN_ALPHA = 1 / 255
 MIN_TRANSMITTANCE = 1e-4
 
@@ -66,6 +67,6 @@ def require_pinhole(cameras: Sequence[Camera]) -> None:
     for i, camera in enumerate(cameras):
         if not isinstance(camera.lens, Pinhole):
             raise ValueError(
-                f"camera {i} of {len(cameras)} has the lens {camera.lens}; Gaussians are rendered through pinhole cameras only: "
-                "render with a Pinhole lens and distort the picture afterwards"
+                f"camera {i} of {len(cameras)} has the lens {camera.lens}; Gaussians are rendered through pinhole cameras "
+                "only: render with a Pinhole lens and distort the picture afterwards"
             )
