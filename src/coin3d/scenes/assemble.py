@@ -42,7 +42,7 @@ class SplatRadii:
     hidden_m: float = 0.001
     blind_m: float = 0.02
     least_px: float = 0.4
-    most_px: float = 0.6
+    most_px: float = 0.5
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -16,6 +16,8 @@ _MIN_BRIGHTNESS = 90.0
 _MAX_GRADIENT = 14.0  # grey values per pixel, at 400 pixels width
 _MAX_REDDER = 6.0
 _MAX_WALL_SHARE = 0.4
+_MIN_SHARE = 0.01
+_RING_GAP_SHARE = 0.06
 
 
 def find_sky(
@@ -23,9 +25,10 @@ def find_sky(
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels of the sky.
 
-    They lie above the horizon, have no depth, are bright, even and not reddish, and hang together with the top of the
-    image. An even bright wall would pass too, so a region is refused where it runs without an edge into a known surface
-    below. Dark skies (night) are never found; their depth is then that of what stands around.
+    They lie above the horizon, are not between rows of known depth, are bright, even and not reddish, and hang together
+    with the top of the image. An even bright wall or window would pass too, so a region is refused where it is small or
+    runs without an edge into a known surface below. Dark skies (night) are never found; their depth is then that of
+    what stands around.
 
     Args:
         rgb: the image.
@@ -39,14 +42,19 @@ def find_sky(
     gradient = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)) / 8
     even = gradient < _MAX_GRADIENT * 400 / max(camera.width_px, 1)
     bluish = smooth[..., 0] - smooth[..., 2] < _MAX_REDDER
-    candidate = rising & (depth_m <= 0) & (grey > _MIN_BRIGHTNESS) & even & bluish
+    known = depth_m > 0
+    # LiDAR rings on a wall leave rows between them
+    gap = 2 * round(camera.height_px * _RING_GAP_SHARE / 2) + 1
+    closed = cv2.morphologyEx(known.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((gap, 3), dtype=np.uint8)) > 0
+    open_bright = rising & ~closed & (grey > _MIN_BRIGHTNESS) & bluish
+    candidate = open_bright & even
     count, region = cv2.connectedComponents(candidate.astype(np.uint8), connectivity=4)
     sky = np.zeros_like(candidate)
     for label in np.unique(region[0][candidate[0]]):
         inside = region == label
-        if not _runs_into_surface(inside, depth_m > 0, even):
+        if inside.mean() > _MIN_SHARE and not _runs_into_surface(inside, known, even):
             sky |= inside
-    return _with_rim(sky, candidate | (rising & (depth_m <= 0) & (grey > _MIN_BRIGHTNESS) & bluish))
+    return _with_rim(sky, open_bright)
 
 
 def _runs_into_surface(region: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"], even: Bool[np.ndarray, "h w"]) -> bool:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy import sparse
-from scipy.sparse.linalg import cg, spsolve
 
 _COLOUR_SCALE = 0.06
 _MIN_WEIGHT = 5e-3
-_DIRECT = 1500
-_TOLERANCE = 1e-4
-_MAX_ROUNDS = 120
+_SMALLEST = 500
+_TOLERANCE = 1e-3
+_MAX_ROUNDS = 100
 
 
 def smooth_fill(
@@ -44,53 +44,104 @@ def smooth_fill(
         return values.astype(np.float32)
     if not (prior_weight[unknown] > 0).all():
         raise ValueError("smooth_fill: every unknown pixel needs a prior_weight above 0")
-    start = _coarse_answer(values, known, outside, guide, prior, prior_weight) if unknown.sum() > _DIRECT else None
-    matrix, right = _normal_equations(values, known, outside, guide, prior, prior_weight)
-    filled = values.astype(np.float32).copy()
-    if start is None:
-        filled[unknown] = spsolve(matrix.tocsc(), right)
-        return filled
-    scale = sparse.diags_array(1 / matrix.diagonal())
-    answer, _ = cg(matrix, right, x0=start[unknown].astype(np.float64), rtol=_TOLERANCE, maxiter=_MAX_ROUNDS, M=scale)
-    filled[unknown] = answer
-    return filled
+    pulls = _Pulls.between(known, outside, guide, prior_weight)
+    right = prior_weight * prior + pulls.from_known(np.where(known, values, 0))
+    if unknown.sum() > _SMALLEST:
+        start = _coarse_answer(values, known, outside, guide, prior, prior_weight)
+    else:
+        start = prior
+    answer = _conjugate_gradients(pulls, np.where(unknown, right, 0), np.where(unknown, start, 0))
+    return np.where(unknown, answer, values).astype(np.float32)
 
 
-def _normal_equations(
-    values: Float[np.ndarray, "h w"],
-    known: Bool[np.ndarray, "h w"],
-    outside: Bool[np.ndarray, "h w"],
-    guide: Float[np.ndarray, "h w 3"],
-    prior: Float[np.ndarray, "h w"],
-    prior_weight: Float[np.ndarray, "h w"],
-) -> tuple[sparse.csr_array, Float[np.ndarray, "u"]]:
-    unknown = ~known & ~outside
-    count = int(unknown.sum())
-    number = np.full(unknown.shape, -1, dtype=np.int32)
-    number[unknown] = np.arange(count, dtype=np.int32)
-    diagonal = prior_weight[unknown].astype(np.float64)
-    right = diagonal * prior[unknown]
-    rows, columns, entries = [], [], []
-    for one, other in (
-        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
-        ((slice(None, -1),), (slice(1, None),)),
-    ):
-        weight = np.exp(-np.abs(guide[one] - guide[other]).max(-1) / _COLOUR_SCALE) + _MIN_WEIGHT
-        weight[outside[one] | outside[other]] = 0
-        for i, j in ((one, other), (other, one)):
-            pulls = unknown[i] & (weight > 0)
-            at, w = number[i][pulls], weight[pulls].astype(np.float64)
-            diagonal += np.bincount(at, w, count)
-            fixed = known[j][pulls]
-            right += np.bincount(at[fixed], w[fixed] * values[j][pulls][fixed], count)
-            rows.append(at[~fixed])
-            columns.append(number[j][pulls][~fixed])
-            entries.append(-w[~fixed])
-    rows.append(np.arange(count))
-    columns.append(np.arange(count))
-    entries.append(diagonal)
-    matrix = sparse.coo_array((np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), (count, count))
-    return matrix.tocsr(), right
+@dataclass(frozen=True, eq=False)
+class _Pulls:
+    """The normal equations as maps: weights of horizontal and vertical neighbour pairs, and the diagonal.
+
+    Args:
+        across: (h, w - 1) weights between unknown pixels and their right neighbours, zero for other pairs.
+        down: (h - 1, w) the same for the neighbours below.
+        across_fixed: (h, w - 1) weights of pairs of an unknown and a known pixel.
+        down_fixed: (h - 1, w) the same.
+        diagonal: (h, w) all that pulls at a pixel; 1 where it is not unknown.
+        unknown: (h, w).
+    """
+
+    across: Float[np.ndarray, "h v"]
+    down: Float[np.ndarray, "g w"]
+    across_fixed: Float[np.ndarray, "h v"]
+    down_fixed: Float[np.ndarray, "g w"]
+    diagonal: Float[np.ndarray, "h w"]
+    unknown: Bool[np.ndarray, "h w"]
+
+    @classmethod
+    def between(
+        cls,
+        known: Bool[np.ndarray, "h w"],
+        outside: Bool[np.ndarray, "h w"],
+        guide: Float[np.ndarray, "h w 3"],
+        prior_weight: Float[np.ndarray, "h w"],
+    ) -> _Pulls:
+        unknown = ~known & ~outside
+        diagonal = prior_weight.astype(np.float32)
+        free, fixed = [], []
+        for near, far in (_ACROSS, _DOWN):
+            weight = np.exp(np.abs(guide[near] - guide[far]).max(-1) * np.float32(-1 / _COLOUR_SCALE)) + np.float32(_MIN_WEIGHT)
+            weight *= ~outside[near] & ~outside[far]
+            diagonal[near] += weight
+            diagonal[far] += weight
+            free.append(weight * (unknown[near] & unknown[far]))
+            fixed.append(weight * (unknown[near] ^ unknown[far]))
+        return cls(free[0], free[1], fixed[0], fixed[1], np.where(unknown, diagonal, np.float32(1)), unknown)
+
+    def from_known(self, values: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+        """What known neighbours (values elsewhere are zero) contribute to the right-hand side."""
+        total = np.zeros(values.shape, dtype=np.float32)
+        for (near, far), weight in ((_ACROSS, self.across_fixed), (_DOWN, self.down_fixed)):
+            total[near] += weight * values[far]
+            total[far] += weight * values[near]
+        return total
+
+    def apply(self, x: Float[np.ndarray, "h w"], out: Float[np.ndarray, "h w"]) -> None:
+        """``out`` becomes the matrix times x; x is zero where nothing is unknown, and so is the result."""
+        np.multiply(self.diagonal, x, out=out)
+        for (near, far), weight in ((_ACROSS, self.across), (_DOWN, self.down)):
+            out[near] -= weight * x[far]
+            out[far] -= weight * x[near]
+
+
+_ALL = slice(None)
+_ACROSS = ((_ALL, slice(None, -1)), (_ALL, slice(1, None)))
+_DOWN = ((slice(None, -1), _ALL), (slice(1, None), _ALL))
+
+
+def _conjugate_gradients(
+    pulls: _Pulls, right: Float[np.ndarray, "h w"], start: Float[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w"]:
+    """Solve with the diagonal as preconditioner; float32 maps, float64 sums."""
+    x, product = start.astype(np.float32), np.empty(right.shape, dtype=np.float32)
+    pulls.apply(x, product)
+    residual = right.astype(np.float32) - product
+    scaled = residual / pulls.diagonal
+    direction = scaled.copy()
+    now = _dot(residual, scaled)
+    enough = _TOLERANCE**2 * max(_dot(right, right / pulls.diagonal), 1e-30)
+    for _ in range(_MAX_ROUNDS):
+        if now <= enough:
+            break
+        pulls.apply(direction, product)
+        step = np.float32(now / _dot(direction, product))
+        x += step * direction
+        residual -= step * product
+        np.divide(residual, pulls.diagonal, out=scaled)
+        before, now = now, _dot(residual, scaled)
+        direction *= np.float32(now / before)
+        direction += scaled
+    return x
+
+
+def _dot(a: Float[np.ndarray, "h w"], b: Float[np.ndarray, "h w"]) -> float:
+    return float(np.einsum("ij,ij->", a, b, dtype=np.float64))
 
 
 def _coarse_answer(
