@@ -13,7 +13,7 @@ from coin3d.geometry import Camera, GroundPlane
 from coin3d.rendering import Gaussians
 from coin3d.scenes.back_layer import BackLayer
 from coin3d.scenes.render_depth import BACKGROUND
-from coin3d.scenes.seen_view import SeenView
+from coin3d.scenes.seen_view import FROM_SKY, SeenView
 
 _TILE = 16
 _BACK_PX = 0.5
@@ -33,6 +33,7 @@ class SplatRadii:
         least_px: floor in pixels of the image the point comes from.
         most_px: ceiling likewise: 0.02 m of street 4 m away are three pixels at 800 pixels width, a blur that costs
             several dB.
+        sky_px: of the sky in pixels; it is even, so it may be wide, and then has no gaps.
     """
 
     ground_m: float = 0.02
@@ -43,6 +44,7 @@ class SplatRadii:
     blind_m: float = 0.02
     least_px: float = 0.4
     most_px: float = 0.5
+    sky_px: float = 0.8
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -86,7 +88,9 @@ class ViewGaussians:
     behind: Gaussians
 
 
-def view_gaussians(view: SeenView, layers: Sequence[BackLayer], ground: GroundPlane, radii: SplatRadii) -> ViewGaussians:
+def view_gaussians(
+    view: SeenView, wrong: Bool[np.ndarray, "h w"], layers: Sequence[BackLayer], ground: GroundPlane, radii: SplatRadii
+) -> ViewGaussians:
     """The pixels of a view and its back layers as Gaussians.
 
     The outermost background pixels around an object, whose colours are mixed with it, are left out: the layer behind the
@@ -94,6 +98,7 @@ def view_gaussians(view: SeenView, layers: Sequence[BackLayer], ground: GroundPl
 
     Args:
         view: image with depth.
+        wrong: pixels to leave out because other images know better.
         layers: what is behind it; the first one must know the background around objects.
         ground: heights count from here.
         radii: sizes.
@@ -101,10 +106,11 @@ def view_gaussians(view: SeenView, layers: Sequence[BackLayer], ground: GroundPl
     background = view.box == BACKGROUND
     points = _points(view.camera, view.depth_m)
     std = np.where(background, radii.background_m(ground.height_m(points)), radii.foreground_m)
-    std = radii.bounded(std, view.depth_m / view.camera.focal_px)
+    pixel_m = view.depth_m / view.camera.focal_px
+    std = np.where(view.source == FROM_SKY, radii.sky_px * pixel_m, radii.bounded(std, pixel_m))
     mixed = background & _touches(~background)
     order = tile_order(*view.depth_m.shape)
-    seen, pixel = _flat(points, std, view.rgb, ~mixed, order)
+    seen, pixel = _flat(points, std, view.rgb, ~mixed & ~wrong, order)
     behind = []
     for number, layer in enumerate(layers):
         # it is only ever seen magnified, so it has at least half a pixel

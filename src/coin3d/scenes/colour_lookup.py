@@ -9,7 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from coin3d.scenes.render_depth import BACKGROUND
-from coin3d.scenes.seen_view import FROM_SKY, SeenView
+from coin3d.scenes.seen_view import FROM_COMPLETION, FROM_SKY, SeenView
+from coin3d.scenes.views import pixel_rays_ego
+
+_IN_THE_WAY = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,29 @@ def shown(points_ego: Float[np.ndarray, "n 3"], views: Sequence[SeenView], toler
         u, v = np.floor(pixels[inside]).astype(np.int64).T
         visible[inside] |= depth_m[inside] < view.depth_m[v, u] + tolerance_m
     return visible
+
+
+def contradicted(view: SeenView, others: Sequence[SeenView]) -> Bool[np.ndarray, "h w"]:
+    """Completed pixels of a view that would stand in the way of what another image of the same frame knows.
+
+    A completed depth is a guess. Where another camera measured something at least a tenth farther along its own ray, or
+    the sky, the guess is wrong, and that camera's pixels are there instead.
+    """
+    at = np.flatnonzero(view.source == FROM_COMPLETION)
+    points = view.camera.ego_from_cam.translation + (
+        pixel_rays_ego(view.camera).reshape(-1, 3)[at] * view.depth_m.reshape(-1)[at][:, None]
+    )
+    wrong = np.zeros(len(at), dtype=bool)
+    for other in others:
+        if other is view:
+            continue
+        pixels, depth_m = other.camera.project(points)
+        inside = np.flatnonzero(other.camera.in_image(pixels, depth_m))
+        u, v = np.floor(pixels[inside]).astype(np.int64).T
+        wrong[inside] |= (other.source[v, u] != FROM_COMPLETION) & (depth_m[inside] < _IN_THE_WAY * other.depth_m[v, u])
+    out = np.zeros(view.depth_m.size, dtype=bool)
+    out[at[wrong]] = True
+    return out.reshape(view.depth_m.shape)
 
 
 class NearestColours:

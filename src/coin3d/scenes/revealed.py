@@ -83,12 +83,13 @@ def coloured_from_elsewhere(
     at, points = at[new], points[new]
     seen = look_up_background(points, frame, neighbours)
     colour = np.where(seen.found[:, None], seen.mean(), layer.rgb.reshape(-1, 3)[at])
-    street = ~seen.found & (np.abs(ground.height_m(points)) < _STREET_M)
+    street = np.abs(ground.height_m(points)) < _STREET_M
     known, known_rgb = ground_pixels(views, ground)
-    known = np.concatenate([known, points[seen.found]])
-    if street.any() and len(known):
-        known_rgb = np.concatenate([known_rgb, colour[seen.found]])
-        colour[street] = lend_colours(points[street], known, known_rgb)
+    known = np.concatenate([known, points[street & seen.found]])
+    known_rgb = np.concatenate([known_rgb, colour[street & seen.found]])
+    guessed = street & ~seen.found
+    if guessed.any() and len(known):
+        colour[guessed] = lend_colours(points[guessed], known, known_rgb)
     rgb = layer.rgb.reshape(-1, 3).copy()
     rgb[at] = colour
     return BackLayer(mask.reshape(layer.mask.shape), layer.depth_m, rgb.reshape(layer.rgb.shape))

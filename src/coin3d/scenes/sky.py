@@ -17,6 +17,7 @@ _MAX_GRADIENT = 14.0  # grey values per pixel, at 400 pixels width
 _MAX_REDDER = 6.0
 _MAX_WALL_SHARE = 0.4
 _MIN_SHARE = 0.01
+_SAME_COLOUR = 20.0
 _RING_GAP_SHARE = 0.06
 
 
@@ -26,9 +27,9 @@ def find_sky(
     """Pixels of the sky.
 
     They lie above the horizon, are not between rows of known depth, are bright, even and not reddish, and hang together
-    with the top of the image. An even bright wall or window would pass too, so a region is refused where it is small or
-    runs without an edge into a known surface below. Dark skies (night) are never found; their depth is then that of
-    what stands around.
+    with the top of the image. An even bright wall or window would pass too, so a region is refused where it runs without
+    an edge into a known surface below, and a small one where its colour is not that of a large one. Dark skies (night)
+    are never found; their depth is then that of what stands around.
 
     Args:
         rgb: the image.
@@ -48,12 +49,16 @@ def find_sky(
     closed = cv2.morphologyEx(known.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((gap, 3), dtype=np.uint8)) > 0
     open_bright = rising & ~closed & (grey > _MIN_BRIGHTNESS) & bluish
     candidate = open_bright & even
-    count, region = cv2.connectedComponents(candidate.astype(np.uint8), connectivity=4)
-    sky = np.zeros_like(candidate)
-    for label in np.unique(region[0][candidate[0]]):
-        inside = region == label
-        if inside.mean() > _MIN_SHARE and not _runs_into_surface(inside, known, even):
-            sky |= inside
+    _, region = cv2.connectedComponents(candidate.astype(np.uint8), connectivity=4)
+    regions = [region == label for label in np.unique(region[0][candidate[0]])]
+    large = [r for r in regions if r.mean() > _MIN_SHARE and not _runs_into_surface(r, known, even)]
+    if not large:
+        return np.zeros_like(candidate)
+    sky = np.logical_or.reduce(large)
+    colour = smooth[sky].mean(0)
+    for small in regions:
+        if small.mean() <= _MIN_SHARE and np.abs(smooth[small].mean(0) - colour).max() < _SAME_COLOUR:
+            sky |= small
     return _with_rim(sky, open_bright)
 
 

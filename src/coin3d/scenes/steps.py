@@ -20,6 +20,7 @@ from coin3d.scenes.assemble import blind_gaussians, view_gaussians
 from coin3d.scenes.back_layer import BackLayer
 from coin3d.scenes.backing import continue_behind
 from coin3d.scenes.blind_area import Neighbour, blind_colours, blind_points
+from coin3d.scenes.colour_lookup import contradicted
 from coin3d.scenes.frame_quality import frame_quality
 from coin3d.scenes.ground import local_ground
 from coin3d.scenes.meshes import build_meshes
@@ -130,7 +131,10 @@ def assemble(job: SceneJob, index: int) -> Seconds:
         blind = blind_points(rig, ground, surfaces, options.blind_spacing_m)
         blind_rgb = blind_colours(blind, frame, views, neighbours, ground)
     with _timed(seconds, "Gaussians"):
-        parts = [view_gaussians(v, behind, ground, options.radii) for v, behind in zip(views, layers, strict=True)]
+        parts = [
+            view_gaussians(v, contradicted(v, views), behind, ground, options.radii)
+            for v, behind in zip(views, layers, strict=True)
+        ]
         unseen = unseen_points(models, frame, views, options.object_range_m)
         below = blind_gaussians(blind, blind_rgb, options.blind_spacing_m, options.radii)
         gaussians = Gaussians.concatenate([*(p.seen for p in parts), *(p.behind for p in parts), unseen, below])
