@@ -44,7 +44,7 @@ class SplatRadii:
     blind_m: float = 0.02
     least_px: float = 0.4
     most_px: float = 0.5
-    sky_px: float = 0.8
+    sky_px: float = 0.6
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -6,8 +6,10 @@ poles before walls, kerbs before pavements.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from coin3d.scenes.back_layer import BackLayer
 
@@ -15,7 +17,18 @@ _STEP = 1.15  # a surface that much farther than its neighbour pixel is another 
 _MIN_GAP_M = 0.3
 
 
-def continue_behind(depth_m: Float[np.ndarray, "h w"], rgb: UInt8[np.ndarray, "h w 3"], band_px: int) -> BackLayer:
+@dataclass(frozen=True, eq=False)
+class Band(BackLayer):
+    """A layer that ends a little behind the edges.
+
+    Args:
+        distance_px: (h, w) how many steps to a neighbour lead to the edge, where there is a layer.
+    """
+
+    distance_px: Int[np.ndarray, "h w"]
+
+
+def continue_behind(depth_m: Float[np.ndarray, "h w"], rgb: UInt8[np.ndarray, "h w 3"], band_px: int) -> Band:
     """Continue far surfaces at their depth for up to ``band_px`` pixels behind nearer ones.
 
     A pixel takes depth and colour of the nearest place (in pixels) where the image steps to something at least 15 % and
@@ -29,7 +42,8 @@ def continue_behind(depth_m: Float[np.ndarray, "h w"], rgb: UInt8[np.ndarray, "h
     back_m, back_rgb = depth_m.copy(), rgb.copy()
     mask = np.zeros(depth_m.shape, dtype=bool)
     limit_m = np.maximum(depth_m * np.float32(_STEP), depth_m + np.float32(_MIN_GAP_M))
-    for _ in range(band_px):
+    distance = np.zeros(depth_m.shape, dtype=np.int32)
+    for step in range(1, band_px + 1):
         before_m, before_rgb, before = back_m.copy(), back_rgb.copy(), mask.copy()
         for to, source in _NEIGHBOURS:
             # a neighbour hands on its second layer if it has one, else what is seen there
@@ -37,9 +51,11 @@ def continue_behind(depth_m: Float[np.ndarray, "h w"], rgb: UInt8[np.ndarray, "h
             back_m[to] = np.where(takes, before_m[source], back_m[to])
             back_rgb[to] = np.where(takes[..., None], before_rgb[source], back_rgb[to])
             mask[to] |= takes
-        if np.array_equal(mask, before):
+        new = mask & ~before
+        if not new.any():
             break
-    return BackLayer(mask, back_m, back_rgb)
+        distance[new] = step
+    return Band(mask, back_m, back_rgb, distance)
 
 
 _ALL = slice(None)

@@ -63,14 +63,20 @@ def look_up(
     return Sightings(row, depth_m[row], view.rgb[v, u])
 
 
-def shown(points_ego: Float[np.ndarray, "n 3"], views: Sequence[SeenView], tolerance_m: float) -> Bool[np.ndarray, "n"]:
-    """Whether points lie on or in front of what some image sees: its own pixels are the better model of that place."""
+def shown(
+    points_ego: Float[np.ndarray, "n 3"], views: Sequence[SeenView], tolerance_m: float
+) -> Bool[np.ndarray, "n"]:
+    """Whether points lie on or in front of what some image sees: its own pixels are the better model of that place.
+
+    The farthest depth within two pixels counts (at 400 pixels width), because a point is drawn with a size: hidden just
+    behind an edge, it would peep out over it.
+    """
     visible = np.zeros(len(points_ego), dtype=bool)
     for view in views:
         pixels, depth_m = view.camera.project(points_ego)
         inside = np.flatnonzero(view.camera.in_image(pixels, depth_m))
         u, v = np.floor(pixels[inside]).astype(np.int64).T
-        visible[inside] |= depth_m[inside] < view.depth_m[v, u] + tolerance_m
+        visible[inside] |= depth_m[inside] < view.farthest_near_m[v, u] + tolerance_m
     return visible
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from coin3d.datasets.frame import Frame
 from coin3d.geometry import GroundPlane
@@ -62,8 +63,6 @@ def coloured_from_elsewhere(
 ) -> BackLayer:
     """The layer with the colours that other frames saw; the street that none saw continues the street beside it.
 
-    What another image of the same frame shows at a place is the better model of it, so the layer ends there.
-
     Args:
         layer: with inpainted colours, which remain where nothing better is known.
         view: the view it is behind.
@@ -75,12 +74,7 @@ def coloured_from_elsewhere(
     at = np.flatnonzero(layer.mask)
     if not len(at):
         return layer
-    rays = pixel_rays_ego(view.camera).reshape(-1, 3)[at]
-    points = view.camera.ego_from_cam.translation + rays * layer.depth_m.reshape(-1)[at][:, None]
-    new = ~shown(points, [other for other in views if other is not view], _MIN_GAP_M)
-    mask = np.zeros(layer.mask.size, dtype=bool)
-    mask[at[new]] = True
-    at, points = at[new], points[new]
+    points = _points(layer, view, at)
     seen = look_up_background(points, frame, neighbours)
     colour = np.where(seen.found[:, None], seen.mean(), layer.rgb.reshape(-1, 3)[at])
     street = np.abs(ground.height_m(points)) < _STREET_M
@@ -92,7 +86,21 @@ def coloured_from_elsewhere(
         colour[guessed] = lend_colours(points[guessed], known, known_rgb)
     rgb = layer.rgb.reshape(-1, 3).copy()
     rgb[at] = colour
-    return BackLayer(mask.reshape(layer.mask.shape), layer.depth_m, rgb.reshape(layer.rgb.shape))
+    return BackLayer(layer.mask, layer.depth_m, rgb.reshape(layer.rgb.shape))
+
+
+def without_shown(layer: BackLayer, view: SeenView, views: Sequence[SeenView]) -> BackLayer:
+    """The layer without what the other images of the frame show or look through: there they are the better model."""
+    at = np.flatnonzero(layer.mask)
+    others = [other for other in views if other is not view]
+    mask = np.zeros(layer.mask.size, dtype=bool)
+    mask[at[~shown(_points(layer, view, at), others, _MIN_GAP_M)]] = True
+    return BackLayer(mask.reshape(layer.mask.shape), layer.depth_m, layer.rgb)
+
+
+def _points(layer: BackLayer, view: SeenView, at: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n 3"]:
+    rays = pixel_rays_ego(view.camera).reshape(-1, 3)[at]
+    return np.asarray(view.camera.ego_from_cam.translation + rays * layer.depth_m.reshape(-1)[at][:, None])
 
 
 def _bottom_plane(frame: Frame, row: int) -> GroundPlane:

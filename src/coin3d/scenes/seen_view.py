@@ -14,6 +14,7 @@ from coin3d.geometry import Camera, GroundPlane
 from coin3d.scenes.completion import DepthCompletion
 from coin3d.scenes.lidar_depth import lidar_depth
 from coin3d.scenes.render_depth import BACKGROUND, FrameSurfaces
+from coin3d.scenes.silhouettes import trim_silhouettes
 from coin3d.scenes.sky import SKY_DEPTH_M, find_sky
 from coin3d.scenes.steep_pixels import snap_steep
 from coin3d.scenes.views import View, load_views
@@ -23,6 +24,10 @@ FROM_COMPLETION, FROM_MESH, FROM_LIDAR, FROM_SKY = 0, 1, 2, 3
 
 _RIM_SHARE = 0.1
 _MIN_RIM_PX = 2
+_AGREES_M = 0.3
+_PEEP_SHARE = 1 / 200
+OVERHANG_M = 0.15
+"""How far fused surfaces stick out over true edges: a voxel and a half."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +51,12 @@ class SeenView:
     source: UInt8[np.ndarray, "h w"]
     box: Int[np.ndarray, "h w"]
     behind_m: Float[np.ndarray, "h w"]
+
+    @cached_property
+    def farthest_near_m(self) -> Float[np.ndarray, "h w"]:
+        """The largest depth within two pixels, at 400 pixels width."""
+        side = 2 * max(1, round(self.camera.width_px * _PEEP_SHARE)) + 1
+        return np.asarray(cv2.dilate(self.depth_m, np.ones((side, side), dtype=np.uint8)))
 
     @cached_property
     def near_object(self) -> Bool[np.ndarray, "h w"]:
@@ -86,4 +97,8 @@ def _see(
         )
     depth_m = np.where(sparse_m > 0, sparse_m, np.where(sky, np.float32(SKY_DEPTH_M), dense_m)).astype(np.float32)
     depth_m = snap_steep(depth_m, unknown)
-    return SeenView(view.name, view.camera, view.rgb, depth_m, source, mesh.box, mesh.background_m)
+    exact = (returns_m > 0) & (np.abs(returns_m - mesh.depth_m) < _AGREES_M)
+    trimmed = trim_silhouettes(view.rgb, depth_m, source == FROM_MESH, exact, view.camera.focal_px, OVERHANG_M)
+    source[trimmed.moved] = FROM_COMPLETION
+    box = np.where(trimmed.moved, np.int32(BACKGROUND), mesh.box)
+    return SeenView(view.name, view.camera, view.rgb, trimmed.depth_m, source, box, mesh.background_m)

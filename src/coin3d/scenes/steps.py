@@ -28,7 +28,7 @@ from coin3d.scenes.object_points import ObjectPoints, model_objects, unseen_poin
 from coin3d.scenes.options import BuildOptions
 from coin3d.scenes.ray_cast import RayCaster
 from coin3d.scenes.render_depth import FrameSurfaces
-from coin3d.scenes.revealed import coloured_from_elsewhere, hidden_background
+from coin3d.scenes.revealed import coloured_from_elsewhere, hidden_background, without_shown
 from coin3d.scenes.seen_view import SeenView, see_frame
 from coin3d.scenes.sharpen import sharpened
 from coin3d.scenes.views import shrink
@@ -161,9 +161,11 @@ def _back_layers(
 ) -> list[BackLayer]:
     """The background behind objects, and a band behind other near edges."""
     hidden = hidden_background(view, frame, ground, options.completion, options.inpainting)
+    hidden = without_shown(hidden, view, views)
     hidden = coloured_from_elsewhere(hidden, view, views, frame, neighbours, ground)
     band = continue_behind(view.depth_m, view.rgb, round(options.band * view.camera.width_px))
-    return [hidden, BackLayer(band.mask & ~view.near_object, band.depth_m, band.rgb)]
+    behind_edges = BackLayer(band.mask & ~view.near_object, band.depth_m, band.rgb)
+    return [hidden, without_shown(behind_edges, view, views)]
 
 
 # worker processes see few scenes at a time, and consecutive frames share their neighbours
