@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 import tyro
 
+from coin3d.commands.build_scenes import build_scenes
 from coin3d.commands.check import check
 from coin3d.commands.demo import demo
 from coin3d.commands.detect import detect
@@ -24,6 +25,7 @@ VERBS: dict[str, Callable[..., None]] = {
     "rig": rig,
     "detect": detect,
     "town": town,
+    "build-scenes": build_scenes,
     "train": train,
     "evaluate": evaluate,
 }

@@ -59,7 +59,7 @@ def blind_points(rig: Rig, ground: GroundPlane, surfaces: FrameSurfaces, spacing
     drop_m = surfaces.drop_m(lifted, -ground.normal) if len(points) else np.zeros(0)
     near = np.abs(drop_m - 1) < _NEAR_GROUND_M
     points[near] = lifted[near] - drop_m[near, None] * ground.normal
-    return points
+    return np.asarray(points)
 
 
 def blind_colours(

@@ -22,6 +22,7 @@ from coin3d.datasets.frame import Frame, Recording
 from coin3d.records import from_plain, to_plain, write_json
 from coin3d.scenes.frame_quality import FrameQuality
 from coin3d.scenes.options import BuildOptions
+from coin3d.scenes.pictures import draw_scene
 from coin3d.scenes.pool import single_threaded_processes
 from coin3d.scenes.split import SweepsOf, no_sweeps
 from coin3d.scenes.steps import SceneJob, Seconds, assemble, fuse_scene, model, see, start_worker
@@ -60,6 +61,11 @@ class BuildOutcome:
     scenes: tuple[SceneResult, ...]
     seconds: Seconds
     elapsed_s: float
+
+    @property
+    def frames(self) -> list[FrameQuality]:
+        """Quality of all frames."""
+        return [frame for scene in self.scenes for frame in scene.frames]
 
     @property
     def raw_only(self) -> dict[str, str]:
@@ -150,6 +156,8 @@ def _build_scene(job: SceneJob, pool: Executor, clock: _Clock) -> SceneResult:
         clock.add(pool.submit(model, job).result())
     for done in _all([pool.submit(assemble, job, i) for i in rows]):
         clock.frame_done(done)
+    if todo:
+        clock.add(pool.submit(draw_scene, job).result())
     if not job.options.keep_depth:
         job.files.drop_depth()
     return _result(job)

@@ -63,9 +63,7 @@ def look_up(
     return Sightings(row, depth_m[row], view.rgb[v, u])
 
 
-def shown(
-    points_ego: Float[np.ndarray, "n 3"], views: Sequence[SeenView], tolerance_m: float
-) -> Bool[np.ndarray, "n"]:
+def shown(points_ego: Float[np.ndarray, "n 3"], views: Sequence[SeenView], tolerance_m: float) -> Bool[np.ndarray, "n"]:
     """Whether points lie on or in front of what some image sees: its own pixels are the better model of that place.
 
     The farthest depth within two pixels counts (at 400 pixels width), because a point is drawn with a size: hidden just

@@ -16,7 +16,6 @@ from coin3d.geometry import Camera, GroundPlane
 from coin3d.scenes.ground import plane_depth
 from coin3d.scenes.smooth_fill import smooth_fill
 
-
 _RIM_SHARE = 1 / 200  # of the image width
 
 
@@ -96,4 +95,4 @@ def trusted_sources(known: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     # beyond the image a region goes on
     inside = cv2.erode(known.astype(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=1)
     near_inside = cv2.dilate(inside, window) > 0
-    return known & ((inside > 0) | ~near_inside)
+    return np.asarray(known & ((inside > 0) | ~near_inside))

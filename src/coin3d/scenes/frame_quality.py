@@ -52,11 +52,17 @@ def frame_quality(token: str, gaussians: Gaussians, views: Sequence[SeenView], g
     error = np.concatenate([(image.rgb.astype(np.float32) - view.rgb).reshape(-1) for image, view in pairs])
     mean_square = max(float(np.square(error).mean()), 1e-6)
     measured = (source == FROM_MESH) | (source == FROM_LIDAR)
-    shares = [float((source == kind).mean()) for kind in (FROM_MESH, FROM_LIDAR, FROM_COMPLETION, FROM_SKY)]
+
+    def share(kind: int) -> float:
+        return round(float((source == kind).mean()), 5)
+
     return FrameQuality(
         token,
         len(gaussians),
-        *(round(share, 5) for share in shares),
+        mesh=share(FROM_MESH),
+        lidar=share(FROM_LIDAR),
+        completed=share(FROM_COMPLETION),
+        sky=share(FROM_SKY),
         known_below_horizon=round(float(measured[below].mean()), 5) if below.any() else 0.0,
         psnr_db=round(10 * float(np.log10(255**2 / mean_square)), 3),
         empty_below_horizon=round(float((alpha[below] < _EMPTY_ALPHA).mean()), 5) if below.any() else 0.0,

@@ -35,12 +35,10 @@ class FastMarchingInpainting:
             return rgb
         height, width = mask.shape
         small = (min(width, self.max_width_px), round(height * min(width, self.max_width_px) / width))
-        shrunk_mask = cv2.resize(mask.astype(np.uint8), small, interpolation=cv2.INTER_AREA) > 0
-        # without colours of the object, which shrinking would mix into the rim
-        inside = cv2.dilate(
-            (cv2.resize(mask.astype(np.float32), small, interpolation=cv2.INTER_AREA) > 0).astype(np.uint8), None
-        )
+        covered = cv2.resize(mask.astype(np.float32), small, interpolation=cv2.INTER_AREA) > 0
+        # one pixel more: shrinking mixes colours of the object into the rim
+        grown = cv2.dilate(covered.astype(np.uint8), np.ones((3, 3), dtype=np.uint8))
         shrunk = cv2.resize(rgb, small, interpolation=cv2.INTER_AREA)
-        filled = cv2.inpaint(shrunk, (shrunk_mask | (inside > 0)).astype(np.uint8), self.radius_px, cv2.INPAINT_TELEA)
+        filled = cv2.inpaint(shrunk, grown, self.radius_px, cv2.INPAINT_TELEA)
         enlarged = cv2.resize(filled, (width, height), interpolation=cv2.INTER_LINEAR)
         return np.where(mask[..., None], enlarged, rgb).astype(np.uint8)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import numpy as np
 from jaxtyping import Float, UInt8
 
@@ -18,7 +15,7 @@ from coin3d.scenes.ground import local_ground
 from coin3d.scenes.render_depth import BACKGROUND
 from coin3d.scenes.seen_view import FROM_LIDAR, FROM_MESH, FROM_SKY, SeenView
 from coin3d.scenes.sky import SKY_DEPTH_M
-from coin3d.scenes.steps import SceneJob
+from coin3d.scenes.steps import SceneJob, Seconds, timed
 from coin3d.scenes.work_files import read_views
 
 _NEAREST_M = 1.5
@@ -26,12 +23,16 @@ _CEILING_M = 3.5
 _SKY_TINT = (90, 140, 255)
 
 
-def scene_picture(job: SceneJob, index: int, cell_width_px: int = 400, range_m: float = 30.0) -> Path:
-    """Draw one key frame of a built scene, while its depth is still there; returns the picture's path.
+def draw_scene(job: SceneJob) -> Seconds:
+    """Draw the middle frame of a built scene into its ``sheet.png``; its depth must still be there."""
+    seconds: Seconds = {}
+    with timed(seconds, "picture"):
+        save_png(scene_picture(job, len(job.frames) // 2), job.files.picture)
+    return seconds
 
-    Raises:
-        ValueError: the depth of the frame has been deleted.
-    """
+
+def scene_picture(job: SceneJob, index: int, cell_width_px: int = 400, range_m: float = 30.0) -> UInt8[np.ndarray, "h w 3"]:
+    """What each step made of one key frame of a scene."""
     frame = job.frames[index]
     views = read_views(job.files.depth(frame.token), frame, job.options.width_px)
     gaussians = load_gaussians(job.files.gaussians(frame.token))
@@ -50,12 +51,10 @@ def scene_picture(job: SceneJob, index: int, cell_width_px: int = 400, range_m: 
     title = f"{job.name}   {frame.token}   {len(gaussians) / 1e6:.2f} M Gaussians"
     above = top_view_of(gaussians, local_ground(frame), range_m, 2 * cell_width_px)
     panels.append(Panel(above, f"Gaussians below {_CEILING_M:g} m from above, {2 * range_m:.0f} m wide, forward is up"))
-    return save_png(sheet(panels, 5, cell_width_px, title), job.folder / "sheet.png")
+    return sheet(panels, 5, cell_width_px, title)
 
 
-def top_view_of(
-    gaussians: Gaussians, ground: GroundPlane, range_m: float, size_px: int
-) -> UInt8[np.ndarray, "s s 3"]:
+def top_view_of(gaussians: Gaussians, ground: GroundPlane, range_m: float, size_px: int) -> UInt8[np.ndarray, "s s 3"]:
     """The Gaussians from above, the highest one below 3.5 m in each pixel; forward is up, left is left."""
     points = gaussians.centre_m.astype(np.float64)
     height_m = ground.height_m(points)
@@ -85,8 +84,3 @@ def _masks(view: SeenView) -> UInt8[np.ndarray, "h w 3"]:
 def _psnr_db(view: SeenView, rgb: UInt8[np.ndarray, "h w 3"]) -> float:
     error = np.square(view.rgb.astype(np.float32) - rgb).mean()
     return float(10 * np.log10(255**2 / max(float(error), 1e-6)))
-
-
-def pictured_frames(jobs: Sequence[SceneJob]) -> list[int]:
-    """Which frame of each scene is drawn: the middle one."""
-    return [len(job.frames) // 2 for job in jobs]

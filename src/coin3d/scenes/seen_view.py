@@ -61,15 +61,16 @@ class SeenView:
     @cached_property
     def near_object(self) -> Bool[np.ndarray, "h w"]:
         """Objects with a rim around them, as wide as a tenth of the root of their area: meshes and masks are not exact."""
-        mask = np.zeros(self.box.shape, dtype=np.uint8)
+        mask = np.zeros(self.box.shape, dtype=bool)
         for row in np.unique(self.box[self.box != BACKGROUND]):
             inside = (self.box == row).astype(np.uint8)
             rim = max(_MIN_RIM_PX, round(_RIM_SHARE * float(np.sqrt(inside.sum()))))
             left, top, width, height = cv2.boundingRect(inside)
             rows = slice(max(0, top - rim), top + height + rim)
             columns = slice(max(0, left - rim), left + width + rim)
-            mask[rows, columns] |= cv2.dilate(inside[rows, columns], np.ones((2 * rim + 1, 2 * rim + 1), dtype=np.uint8))
-        return mask > 0
+            around = cv2.dilate(inside[rows, columns], np.ones((2 * rim + 1, 2 * rim + 1), dtype=np.uint8))
+            mask[rows, columns] |= around > 0
+        return mask
 
 
 def see_frame(

@@ -58,7 +58,9 @@ def trim_silhouettes(
     width = np.clip(np.rint(overhang_m * focal_px / depth_m), 1, widest)
     rim = meshed & behind.mask & (behind.distance_px <= width) & ~exact
     window = np.ones((2 * widest + 3, 2 * widest + 3), dtype=np.uint8)
-    inside = cv2.erode(np.where(rim | ~meshed, np.float32(1e9), depth_m), window, borderType=cv2.BORDER_CONSTANT, borderValue=1e9)
+    inside = cv2.erode(
+        np.where(rim | ~meshed, np.float32(1e9), depth_m), window, borderType=cv2.BORDER_CONSTANT, borderValue=1e9
+    )
     rim &= inside < _SAME_SURFACE * depth_m
     if not rim.any():
         return Trimmed(depth_m, rim)

@@ -79,4 +79,4 @@ def _runs_into_surface(region: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, 
 def _with_rim(sky: Bool[np.ndarray, "h w"], allowed: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """The region grown by two pixels into what may be sky: its rim was taken for an edge."""
     grown = cv2.dilate(sky.astype(np.uint8), np.ones((5, 5), dtype=np.uint8)) > 0
-    return sky | (grown & allowed)
+    return np.asarray(sky | (grown & allowed))

@@ -42,4 +42,5 @@ def _central(values: Float[np.ndarray, "h w"], axis: int) -> Float[np.ndarray, "
     step = np.abs(np.diff(values, axis=axis))
     pad = [(1, 1) if a == axis else (0, 0) for a in range(2)]
     padded = np.pad(step, pad)
-    return np.maximum(np.take(padded, range(values.shape[axis]), axis), np.take(padded, range(1, values.shape[axis] + 1), axis))
+    before, after = np.take(padded, range(values.shape[axis]), axis), np.take(padded, range(1, values.shape[axis] + 1), axis)
+    return np.asarray(np.maximum(before, after))

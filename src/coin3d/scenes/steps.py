@@ -75,7 +75,7 @@ def fuse_scene(job: SceneJob) -> Seconds:
     if job.files.mesh_index.is_file():
         return {}
     seconds: Seconds = {}
-    with _timed(seconds, "meshes"):
+    with timed(seconds, "meshes"):
         sweeps = {frame.token: list(own) for frame, own in zip(job.frames, job.sweeps, strict=True)}
         write_meshes(job.files, build_meshes(job.frames, lambda f: sweeps[f.token], voxel_m=job.options.voxel_m))
     return seconds
@@ -88,9 +88,9 @@ def see(job: SceneJob, index: int) -> Seconds:
     if path.is_file():
         return {}
     seconds: Seconds = {}
-    with _timed(seconds, "load meshes"):
+    with timed(seconds, "load meshes"):
         background, objects = _scene_meshes(job.folder)
-    with _timed(seconds, "depth"):
+    with timed(seconds, "depth"):
         surfaces = FrameSurfaces(background, objects, frame)
         views = see_frame(frame, surfaces, local_ground(frame), job.options.completion, job.options.width_px)
         write_views(path, views)
@@ -102,7 +102,7 @@ def model(job: SceneJob) -> Seconds:
     if job.files.models.is_file():
         return {}
     seconds: Seconds = {}
-    with _timed(seconds, "object models"):
+    with timed(seconds, "object models"):
         width = job.options.width_px
         _, objects = _scene_meshes(job.folder)
         models = model_objects(objects, job.frames, lambda frame: read_views(job.files.depth(frame.token), frame, width), width)
@@ -116,21 +116,21 @@ def assemble(job: SceneJob, index: int) -> Seconds:
     if job.files.quality(frame.token).is_file() and job.files.gaussians(frame.token).is_file():
         return {}
     seconds: Seconds = {}
-    with _timed(seconds, "read"):
+    with timed(seconds, "read"):
         background, objects = _scene_meshes(job.folder)
         views = _views(job, index)
         ground = local_ground(frame)
         around = [i for i in range(index - options.neighbours, index + options.neighbours + 1) if i != index]
         neighbours = [Neighbour(job.frames[i], _views(job, i)) for i in around if 0 <= i < len(job.frames)]
         models = _scene_models(job.folder)
-    with _timed(seconds, "hidden background"):
+    with timed(seconds, "hidden background"):
         layers = [_back_layers(view, views, frame, ground, neighbours, options) for view in views]
-    with _timed(seconds, "blind area"):
+    with timed(seconds, "blind area"):
         surfaces = FrameSurfaces(background, objects, frame)
         rig = frame.rig.with_cameras({name: shrink(c, options.width_px) for name, c in frame.rig.items()})
         blind = blind_points(rig, ground, surfaces, options.blind_spacing_m)
         blind_rgb = blind_colours(blind, frame, views, neighbours, ground)
-    with _timed(seconds, "Gaussians"):
+    with timed(seconds, "Gaussians"):
         parts = [
             view_gaussians(v, contradicted(v, views), behind, ground, options.radii)
             for v, behind in zip(views, layers, strict=True)
@@ -138,10 +138,10 @@ def assemble(job: SceneJob, index: int) -> Seconds:
         unseen = unseen_points(models, frame, views, options.object_range_m)
         below = blind_gaussians(blind, blind_rgb, options.blind_spacing_m, options.radii)
         gaussians = Gaussians.concatenate([*(p.seen for p in parts), *(p.behind for p in parts), unseen, below])
-    with _timed(seconds, "sharpen"):
+    with timed(seconds, "sharpen"):
         gaussians = sharpened(gaussians, parts, views, options.sharpen)
         save_gaussians(job.files.gaussians(frame.token), gaussians)
-    with _timed(seconds, "quality"):
+    with timed(seconds, "quality"):
         write_json(job.files.quality(frame.token), frame_quality(frame.token, gaussians, views, ground))
     return seconds
 
@@ -194,7 +194,8 @@ def _views(job: SceneJob, index: int) -> list[SeenView]:
 
 
 @contextmanager
-def _timed(seconds: Seconds, step: str) -> Iterator[None]:
+def timed(seconds: Seconds, step: str) -> Iterator[None]:
+    """Add the processor time of the block."""
     begin = time.process_time()
     yield
     seconds[step] = seconds.get(step, 0.0) + time.process_time() - begin

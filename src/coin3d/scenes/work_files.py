@@ -50,6 +50,11 @@ class SceneFiles:
         return self.folder / "objects.safetensors"
 
     @property
+    def picture(self) -> Path:
+        """One key frame, step by step."""
+        return self.folder / "sheet.png"
+
+    @property
     def meshes(self) -> Path:
         """Folder of PLY files, with ``objects.json``, written last, that says which file is which instance."""
         return self.folder / "meshes"
