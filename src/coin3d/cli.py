@@ -10,10 +10,12 @@ from collections.abc import Callable, Sequence
 
 import tyro
 
+from coin3d.commands.build_scenes import build_scenes
 from coin3d.commands.check import check
 from coin3d.commands.demo import demo
 from coin3d.commands.detect import detect
 from coin3d.commands.evaluate import evaluate
+from coin3d.commands.render import render
 from coin3d.commands.rig import rig
 from coin3d.commands.town import town
 from coin3d.commands.train import train
@@ -24,6 +26,8 @@ VERBS: dict[str, Callable[..., None]] = {
     "rig": rig,
     "detect": detect,
     "town": town,
+    "build-scenes": build_scenes,
+    "render": render,
     "train": train,
     "evaluate": evaluate,
 }
