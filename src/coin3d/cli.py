@@ -50,6 +50,11 @@ Your own cameras: describe them in rig.yaml beside the images (docs/your_rig.md)
   coin3d detect town-coin3d recordings/van --out out/boxes
                                                     the shipped weights know only the town, no real street
 
+Rebuild annotated frames as 3D Gaussians and look through cameras that were not there:
+  coin3d town --out data/town --scenes 1 --sweeps
+  coin3d build-scenes data/town --out data/town_scenes --width 400
+  coin3d render data/town_scenes/town-0000 --rig waymo --out out/views
+
 Train on one rig, evaluate on another:
   coin3d town --out data/train --rig nuscenes --scenes 60
   coin3d town --out data/val --rig waymo --scenes 10 --first-seed 5000
@@ -64,7 +69,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run a verb; returns the exit code."""
     args = list(sys.argv[1:] if args is None else args)
     if not args or args[0] in ("-h", "--help", "help"):
-        print(TUTORIAL.format(verbs="\n".join(f"  {name:<10}{_summary(verb)}" for name, verb in VERBS.items())), end="")
+        print(TUTORIAL.format(verbs="\n".join(f"  {name:<14}{_summary(verb)}" for name, verb in VERBS.items())), end="")
         return 0 if args else 2
     name, *rest = args
     if name == "--version":
