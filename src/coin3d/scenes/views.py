@@ -40,7 +40,7 @@ def shrink(camera: Camera, width_px: int) -> Camera:
 
 
 def pixel_rays_ego(camera: Camera) -> Float[np.ndarray, "h w 3"]:
-    """Rays through all pixel centres in ego axes, of such a length that depth (along the optical axis) times ray is the point."""
+    """Rays through all pixel centres in ego axes, so long that depth (along the optical axis) times ray is the point."""
     rays_cam = camera.rays_cam(camera.pixel_grid())
     return camera.ego_from_cam.rotate(rays_cam / rays_cam[..., 2:])
 
