@@ -6,7 +6,7 @@ A learned model plugs in as any callable with the signature of ``DepthCompletion
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from coin3d.scenes.smooth_fill import smooth_fill
 _RIM_SHARE = 1 / 200  # of the image width
 
 
+@runtime_checkable
 class DepthCompletion(Protocol):
     """From an image and the depth that is known to depth everywhere."""
 
@@ -80,8 +81,8 @@ class EdgeAwareCompletion:
         inverse = np.where(known, 1 / np.maximum(sparse_depth_m, 0.1), 0).astype(np.float32)
         filled = smooth_fill(inverse, source, sky & ~known, rgb.astype(np.float32) / 255, prior, weight)
         depth_m = 1 / np.clip(filled, 1 / self.max_depth_m, 10.0)
-        bounded: np.ndarray = np.where(trusted & ~known, np.minimum(depth_m, ground_m), depth_m).astype(np.float32)
-        return bounded
+        bounded = np.where(trusted & ~known, np.minimum(depth_m, ground_m), depth_m)
+        return np.asarray(bounded, dtype=np.float32)
 
 
 def trusted_sources(known: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
 
+@runtime_checkable
 class Inpainting(Protocol):
     """From an image and a mask to an image without what the mask covers."""
 

@@ -43,16 +43,11 @@ class BuildOptions:
     min_known: float = 0.3
 
     def __post_init__(self) -> None:
-        if (
-            self.width_px < 16
-            or min(self.neighbours, self.band, self.sharpen) < 0
-            or self.voxel_m <= 0
-            or self.object_range_m < 0
-        ):
-            raise ValueError(
-                "scenes need width_px of 16 or more, voxel_m above 0, and neighbours, band, sharpen and object_range_m of 0 or "
-                f"more; got {self}"
-            )
+        if self.width_px < 16 or self.voxel_m <= 0:
+            raise ValueError(f"scenes need width_px of 16 or more and voxel_m above 0, got {self.width_px}, {self.voxel_m}")
+        for name in ("neighbours", "band", "sharpen", "object_range_m"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} of a build is 0 or more, got {getattr(self, name)}")
 
     @property
     def blind_spacing_m(self) -> float:

@@ -13,7 +13,7 @@ SKY_DEPTH_M = 150.0
 """Where the sky is put: beyond every surface, near enough that a rig moved by a metre sees it unmoved."""
 
 _MIN_BRIGHTNESS = 90.0
-_MAX_GRADIENT = 14.0  # grey values per pixel, at 400 pixels width
+_MAX_GRADIENT = 6.0  # grey values per pixel
 _MAX_REDDER = 6.0
 _MAX_WALL_SHARE = 0.4
 _MIN_SHARE = 0.01
@@ -41,7 +41,7 @@ def find_sky(
     smooth = cv2.GaussianBlur(rgb, (0, 0), 1.0).astype(np.float32)
     grey = smooth.mean(axis=2)
     gradient = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)) / 8
-    even = gradient < _MAX_GRADIENT * 400 / max(camera.width_px, 1)
+    even = gradient < _MAX_GRADIENT
     bluish = smooth[..., 0] - smooth[..., 2] < _MAX_REDDER
     known = depth_m > 0
     # LiDAR rings on a wall leave rows between them

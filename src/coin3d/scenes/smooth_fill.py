@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 
 _COLOUR_SCALE = 0.06
-_MIN_WEIGHT = 5e-3
+_MIN_WEIGHT = 1e-3
 _SMALLEST = 500
 _TOLERANCE = 1e-3
 _MAX_ROUNDS = 100
@@ -46,8 +46,8 @@ def smooth_fill(
         raise ValueError("smooth_fill: every unknown pixel needs a prior_weight above 0")
     pulls = _Pulls.between(known, outside, guide, prior_weight)
     right = prior_weight * prior + pulls.from_known(np.where(known, values, 0))
-    coarsens = unknown.sum() > _SMALLEST
-    start = _coarse_answer(values, known, outside, guide, prior, prior_weight) if coarsens else prior
+    large = unknown.sum() > _SMALLEST
+    start = _coarse_answer(values, known, outside, guide, prior, prior_weight) if large else prior
     answer = _conjugate_gradients(pulls, np.where(unknown, right, 0), np.where(unknown, start, 0))
     return np.where(unknown, answer, values).astype(np.float32)
 
@@ -154,7 +154,7 @@ def _coarse_answer(
     height, width = values.shape
     half = ((width + 1) // 2, (height + 1) // 2)
 
-    def shrunk(x: Float[np.ndarray, "h w ..."]) -> np.ndarray:
+    def shrunk(x: Shaped[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         return np.asarray(cv2.resize(x.astype(np.float32), half, interpolation=cv2.INTER_AREA))
 
     share = shrunk(known)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 _STEEP = 0.1  # share of inverse depth per pixel, at 400 pixels width
 _REACH_M = 45.0
-_HALF_WINDOW_SHARE = 1 / 100  # of the width
+_HALF_WINDOW_SHARE = 1 / 80  # of the width
 
 
 def snap_steep(depth_m: Float[np.ndarray, "h w"], free: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
@@ -27,7 +27,7 @@ def snap_steep(depth_m: Float[np.ndarray, "h w"], free: Bool[np.ndarray, "h w"])
     steep = free & (slope > limit * inverse) & (depth_m < _REACH_M)
     if not steep.any():
         return depth_m
-    side = 2 * max(2, round(depth_m.shape[1] * _HALF_WINDOW_SHARE)) + 1
+    side = 2 * max(3, round(depth_m.shape[1] * _HALF_WINDOW_SHARE)) + 1
     window = np.ones((side, side), dtype=np.uint8)
     # steep pixels do not vote
     near = cv2.dilate(np.where(steep, np.float32(0), inverse), window, borderType=cv2.BORDER_CONSTANT, borderValue=0)
