@@ -62,7 +62,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run a verb; returns the exit code."""
     args = list(sys.argv[1:] if args is None else args)
     if not args or args[0] in ("-h", "--help", "help"):
-        print(TUTORIAL.format(verbs="\n".join(f"  {name:<10}{_summary(verb)}" for name, verb in VERBS.items())), end="")
+        print(TUTORIAL.format(verbs="\n".join(f"  {name:<14}{_summary(verb)}" for name, verb in VERBS.items())), end="")
         return 0 if args else 2
     name, *rest = args
     if name == "--version":
