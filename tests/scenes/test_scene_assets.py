@@ -144,7 +144,7 @@ def test_guesses_give_way_to_what_another_camera_knows() -> None:
     assert not contradicted(guess, [guess, known]).any()
 
 
-@given(st.integers(0, 1000), st.floats(0.05, 0.2))
+@given(st.integers(0, 1000), st.floats(0.03, 0.08))
 @settings(max_examples=20)
 def test_surface_samples_are_even_and_any_part_covers_all(seed: int, spacing: float) -> None:
     samples = sample_surface(CUBE, spacing, 10**6, seed)
