@@ -69,6 +69,12 @@ def lyft_tables() -> Path:
 
 
 @pytest.fixture
+def ddad_three_frames() -> Path:
+    """Folder of one DGP scene with the rig of DDAD: three samples with boxes."""
+    return _real("ddad_three_frames")
+
+
+@pytest.fixture
 def tiny_recording(tmp_path: Path) -> Path:
     """Folder of a small synthetic recording in nuScenes format, see tiny_recording.py."""
     return write_recording(tmp_path / "tiny")

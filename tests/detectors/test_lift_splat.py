@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -135,6 +137,23 @@ def test_pooling_sums_where_the_cells_say() -> None:
     torch.testing.assert_close(bev[1, :, chosen % 4096 // 64, chosen % 64], expected)
 
 
+def test_slabs_divide_what_one_slab_sums() -> None:
+    """Each slab holds the points of its heights, counted by hand; together they are the single slab."""
+    edges = (-5.0, 0.3, 1.0, 3.0)
+    cameras = tensors(*ring_rig(3).values())
+    torch.manual_seed(0)
+    depth, context = torch.rand(3, 30, 4, 6), torch.randn(3, 5, 4, 6)
+    arguments = (depth, context, cameras, torch.tensor([0, 0, 1]), torch.eye(3).expand(2, 3, 3))
+    whole = LiftSplat(GRID, BINS, STRIDE)(*arguments)
+    slabs = LiftSplat(replace(GRID, z_edges_m=edges), BINS, STRIDE)(*arguments)
+    assert slabs.shape == (2, 15, 64, 64)
+    torch.testing.assert_close(slabs.unflatten(1, (3, 5)).sum(1), whole)
+    for k in range(3):
+        alone = LiftSplat(replace(GRID, z_edges_m=edges[k : k + 2]), BINS, STRIDE)(*arguments)
+        assert alone.abs().sum() > 0
+        torch.testing.assert_close(slabs[:, 5 * k : 5 * k + 5], alone)
+
+
 def test_a_known_rig_reuses_its_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     lift = LiftSplat(GRID, BINS, STRIDE, cached_rigs=2)
     computed: list[CameraTensors] = []
@@ -174,4 +193,6 @@ def test_nonsense_is_refused() -> None:
     with pytest.raises(ValueError, match="BEV grid"):
         BevGrid(cell_m=0.0)
     with pytest.raises(ValueError, match="BEV grid"):
-        BevGrid(z_min_m=3.0)
+        BevGrid(z_edges_m=(3.0, 3.0))
+    with pytest.raises(ValueError, match="two or more rising"):
+        BevGrid(z_edges_m=(1.0,))

@@ -34,6 +34,7 @@ def test_top_view_tells_truth_from_predictions() -> None:
     found = Boxes3D.create([[-20.0, 10.0, 1.0]], [[4, 2, 1.5]], [0.0], ["car"])
     image = top_view(preset_rig("nuscenes"), truth, found, np.array([[30.0, 0, 0.0], [400.0, 0, 0]]), size_px=400)
     assert _where(image, TRUTH)[:, 0].max() < 200 < _where(image, PREDICTION)[:, 0].min()
+    assert TRUTH[0] > 2 * TRUTH[1] and PREDICTION[1] > 1.5 * PREDICTION[0]  # red and green
 
 
 def test_sheet_keeps_proportions_of_unequal_pictures() -> None:

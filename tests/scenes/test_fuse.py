@@ -195,6 +195,7 @@ def test_nothing_seen_gives_an_empty_mesh() -> None:
 def test_settings_follow_the_number_of_sweeps() -> None:
     many, middle, few = (FusionSettings.for_sweeps(n) for n in (400, 96, 1))
     assert (many.min_weight, many.truncation_voxels, many.spread) == (5.0, 3.0, 0)
-    assert many.min_weight > middle.min_weight >= 1 >= few.min_weight and few.spread > 0
+    assert many.min_weight > middle.min_weight >= 1 > few.min_weight > 0
+    assert many.spread < middle.spread < few.spread
     with pytest.raises(ValueError, match="truncation"):
         FusionSettings(truncation_voxels=40)

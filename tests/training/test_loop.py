@@ -21,7 +21,15 @@ from small_world import CLASSES, CONFIG, SIZE_PX, MemoryRecording, detector, fra
 
 BOTH = ClassMap("both", {"car": "car", "pedestrian": "pedestrian"})
 OPTIONS = TrainOptions(
-    steps=6, batch_size=2, learning_rate=1e-3, warmup_steps=2, schedule="cosine", ema_decay=0.9, workers=0, save_every=3
+    steps=6,
+    batch_size=2,
+    optimizer="muon",
+    learning_rate=1e-3,
+    warmup_steps=2,
+    schedule="cosine",
+    ema_decay=0.9,
+    workers=0,
+    save_every=3,
 )
 
 

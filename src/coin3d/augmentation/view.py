@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import UInt8
 
+from coin3d.datasets.frame import Frame
 from coin3d.geometry import Camera, ImageTransform
 
 
@@ -36,3 +37,7 @@ class View:
 
 ViewAugmentation = Callable[[View, np.random.Generator], View]
 """Changes one training view; the camera must keep telling the truth."""
+
+FrameAugmentation = Callable[[Frame, Sequence[str], tuple[int, int], np.random.Generator], list[View] | None]
+"""Makes the views of a sample from (frame, names of the chosen cameras, (width, height) of the network input, generator),
+in place of its raw images; None keeps those. The number of views and their cameras are free."""

@@ -14,6 +14,7 @@ from coin3d.commands.evaluate import ClassChoice, class_map_for
 from coin3d.commands.outcome import finish
 
 if TYPE_CHECKING:
+    from coin3d.augmentation import NovelViewOptions
     from coin3d.methods import CoIn3DOptions
     from coin3d.training.options import TrainOptions
 
@@ -34,6 +35,7 @@ class Optimisation:
         batch_size: frames per step.
         learning_rate: peak learning rate.
         cameras_per_sample: train on this many randomly chosen cameras of each frame; 0 means all.
+        keep_unseen_boxes: also ask for boxes that no camera of the sample sees, as the released code does.
         precision: number format of the forward pass; bfloat16 pays where the hardware has it.
         workers: loader processes.
         save_every: steps between resumable states.
@@ -43,6 +45,7 @@ class Optimisation:
     batch_size: _Count = None
     learning_rate: _Rate = None
     cameras_per_sample: _Count = None
+    keep_unseen_boxes: bool = False
     precision: Annotated[Literal["float32", "bfloat16"] | None, arg(help_behavior_hint=_PRESET)] = None
     workers: _Count = None
     save_every: _Count = None
@@ -50,8 +53,9 @@ class Optimisation:
     def applied_to(self, preset: TrainOptions, seed: int) -> TrainOptions:
         """The preset with what was given put in its place."""
         given = {name: value for name, value in vars(self).items() if value is not None}
-        if "cameras_per_sample" in given:
-            given["augment"] = replace(preset.augment, cameras_per_sample=given.pop("cameras_per_sample"))
+        shared = {name: given.pop(name) for name in ("cameras_per_sample", "keep_unseen_boxes") if name in given}
+        if shared:
+            given["augment"] = replace(preset.augment, **shared)
         return replace(preset, seed=seed, **given)
 
 
@@ -90,6 +94,43 @@ class CoIn3DFlags:
         )
 
 
+@dataclass(frozen=True)
+class NovelViewFlags:
+    """Training on rendered views; ``coin3d.augmentation.NovelViewOptions`` explains them.
+
+    Args:
+        gaussians: folder of built scenes; turns novel views on, for the methods coin3d and direct.
+        novel_view_probability: chance of a sample to be rendered instead of raw.
+        rig_ranges: paper: the paper's ranges around the recording's own rig; target-aware-lyft, target-aware-waymo: ranges
+            of the released code for these sources, which bracket the rig of nuScenes.
+        vary_array: also drop and add cameras and lay them out anew; a sample may then have a single camera, so take a batch
+            size of two or more.
+    """
+
+    gaussians: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: raw images only)")] = None
+    novel_view_probability: float = 0.5
+    rig_ranges: Literal["paper", "target-aware-lyft", "target-aware-waymo"] = "paper"
+    vary_array: bool = False
+
+    def options(self) -> NovelViewOptions | None:
+        """The method's option, None without Gaussians."""
+        from coin3d.augmentation import ArrayChange, NovelViewOptions, RigSampler
+
+        if self.gaussians is None:
+            if self != NovelViewFlags():
+                raise ValueError("novel views are rendered from Gaussians: say with --gaussians where the built scenes are")
+            return None
+        ranges = {
+            "paper": RigSampler,
+            "target-aware-lyft": RigSampler.target_aware_lyft,
+            "target-aware-waymo": RigSampler.target_aware_waymo,
+        }
+        sampler = ranges[self.rig_ranges]()
+        if self.vary_array:
+            sampler = replace(sampler, array=ArrayChange())
+        return NovelViewOptions(self.novel_view_probability, sampler)
+
+
 def train(
     data: Annotated[Positional[tuple[Path, ...]], arg(metavar="RECORDING", help_behavior_hint="")],
     out: Path,
@@ -103,6 +144,7 @@ def train(
     device: str = "auto",
     optimisation: OmitArgPrefixes[Optimisation] = Optimisation(),
     coin3d: OmitArgPrefixes[CoIn3DFlags] = CoIn3DFlags(),
+    novel_views: OmitArgPrefixes[NovelViewFlags] = NovelViewFlags(),
 ) -> None:
     """Train a detector on one or more recordings with labels and LiDAR.
 
@@ -113,6 +155,7 @@ def train(
       coin3d town --out data/train --rig nuscenes --scenes 60
       coin3d train data/train --out runs/coin3d
       coin3d train data/train --out runs/direct --method direct
+      coin3d train data/train --out runs/full --gaussians data/train-gaussians
       coin3d train recordings/mine --out runs/mine --init runs/coin3d/model.safetensors --steps 300
       coin3d evaluate runs/coin3d/model.safetensors data/val --out out/score
 
@@ -128,7 +171,8 @@ def train(
         seed: of weights, data order and augmentation.
         device: auto, cpu, cuda, cuda:1 ...
         optimisation: how long and how fast; what is not given comes from the preset.
-        coin3d: only with --method coin3d; the defaults are the paper's method without novel-view augmentation.
+        coin3d: only with --method coin3d; the defaults are the paper's method, without novel views unless given Gaussians.
+        novel_views: where the Gaussians are, and how rigs are drawn.
     """
     from coin3d.detectors import DETECTORS
     from coin3d.inference import checkpoint_path, resolve_device
@@ -145,6 +189,10 @@ def train(
     config = replace(getattr(DETECTORS[detector][0], preset)(), pretrained=pretrained)
     options = optimisation.applied_to(getattr(TrainOptions, preset)(), seed)
     method_options: Any = coin3d.options(config.image_width_px) if method == "coin3d" else METHODS[method][0]()
+    if (rendered := novel_views.options()) is not None:
+        if method == "none":
+            raise ValueError("--method none renders no novel views: leave --gaussians out, or take direct or coin3d")
+        method_options = replace(method_options, novel_views=rendered)
     began = time.monotonic()
     weights = run(
         data,
@@ -156,6 +204,7 @@ def train(
         class_map=class_map_for(classes),
         options=options,
         init=None if init is None else checkpoint_path(init),
+        gaussians=novel_views.gaussians,
         device=resolve_device(device),
     )
     last = json.loads((out / LOG_FILE).read_text(encoding="utf-8").splitlines()[-1])

@@ -1,6 +1,6 @@
 """Class maps: a data set's own category names to the classes a detector is trained and scored on.
 
-One map knows the names of nuScenes, Lyft and Waymo together, because their names do not collide in meaning. Names that
+One map knows the names of nuScenes, Lyft, Waymo and DDAD together, because their names do not collide in meaning. Names that
 are left out on purpose are listed, so that a name nobody has thought of is an error and never silently dropped.
 """
 
@@ -18,25 +18,28 @@ CAR = "car"
 PEDESTRIAN = "pedestrian"
 TWO_WHEEL = "two-wheel"
 
-_PLAIN_CARS = ("vehicle.car", "car", "VEHICLE")
-# what the merged "car" adds: nuScenes truck, bus, trailer, construction vehicle; Lyft truck, bus, emergency, other
+_PLAIN_CARS = ("vehicle.car", "car", "VEHICLE", "Car")
+# what the merged "car" adds: nuScenes truck, bus, trailer, construction vehicle; Lyft truck, bus, emergency, other; DDAD's
 _OTHER_CARS = (
     "vehicle.truck", "vehicle.bus.bendy", "vehicle.bus.rigid", "vehicle.trailer", "vehicle.construction",
     "truck", "bus", "emergency_vehicle", "other_vehicle",
+    "Truck", "Bus/RV/Caravan", "Trailer", "Towed Object",
 )  # fmt: skip
 _PEDESTRIANS = (
     "human.pedestrian.adult", "human.pedestrian.child", "human.pedestrian.construction_worker",
-    "human.pedestrian.police_officer", "pedestrian", "PEDESTRIAN",
+    "human.pedestrian.police_officer", "pedestrian", "PEDESTRIAN", "Person",
 )  # fmt: skip
-_TWO_WHEELERS = ("vehicle.bicycle", "vehicle.motorcycle", "bicycle", "motorcycle", "two-wheel", "CYCLIST")
+_TWO_WHEELERS = (
+    "vehicle.bicycle", "vehicle.motorcycle", "bicycle", "motorcycle", "two-wheel", "CYCLIST", "Bicycle", "Motorcycle",
+)  # fmt: skip
 _NEVER = (
     "vehicle.emergency.ambulance", "vehicle.emergency.police", "human.pedestrian.personal_mobility",
     "human.pedestrian.stroller", "human.pedestrian.wheelchair", "animal", "movable_object.barrier",
     "movable_object.debris", "movable_object.pushable_pullable", "movable_object.trafficcone",
-    "static_object.bicycle_rack", "SIGN", "UNKNOWN",
+    "static_object.bicycle_rack", "SIGN", "UNKNOWN", "Train", "Wheeled Slow",
 )  # fmt: skip
 KNOWN_CATEGORIES = frozenset((*_PLAIN_CARS, *_OTHER_CARS, *_PEDESTRIANS, *_TWO_WHEELERS, *_NEVER))
-"""Every category name of nuScenes, Lyft and Waymo, and the unified names themselves."""
+"""Every category name of nuScenes, Lyft, Waymo and DDAD, and the unified names themselves."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class ClassMap:
         if unknown:
             raise ValueError(
                 f"class map '{self.name}' does not know the categories {', '.join(unknown)}; "
-                "give the annotations the category names of nuScenes, Lyft or Waymo (docs/datasets.md)"
+                "give the annotations the category names of nuScenes, Lyft, Waymo or DDAD (docs/datasets.md)"
             )
         kept = boxes[np.array([str(label) in self.mapping for label in boxes.labels], dtype=bool)]
         return kept.with_labels([self.mapping[str(label)] for label in kept.labels])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from coin3d.datasets.dgp import DgpRecording, is_dgp
 from coin3d.datasets.folder import RIG_FILE, FolderRecording
 from coin3d.datasets.frame import Recording
 from coin3d.datasets.nuscenes_format import NuScenesRecording
 
 
 def open_recording(path: Path | str) -> Recording:
-    """The recording in a folder: a user's images with ``rig.yaml``, or nuScenes-format tables.
+    """The recording in a folder: a user's images with ``rig.yaml``, nuScenes-format tables, or DGP (DDAD) scenes.
 
     Raises:
         FileNotFoundError: nothing there, or nothing that looks like a recording.
@@ -23,7 +24,9 @@ def open_recording(path: Path | str) -> Recording:
         return FolderRecording(path)
     if any(next(path.glob(pattern), None) for pattern in ("sample.json", "*/sample.json", "*/*/sample.json")):
         return NuScenesRecording(path)
+    if is_dgp(path):
+        return DgpRecording(path)
     raise FileNotFoundError(
         f"{path}: not a recording: looked for {RIG_FILE} (own images, see docs/your_rig.md) and for */sample.json "
-        "(nuScenes-format tables, see docs/datasets.md)"
+        "(nuScenes-format tables) and for a JSON file with scene_splits (DDAD); see docs/datasets.md"
     )

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
+from coin3d.augmentation import transform_boxes
 from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.bev_encoder import BevEncoder
@@ -22,6 +23,7 @@ from coin3d.detectors.depth_net import DepthNet
 from coin3d.detectors.lift_splat import BevGrid, DepthBins, LiftSplat
 from coin3d.detectors.method import Method
 from coin3d.detectors.neck import FeaturePyramid
+from coin3d.detectors.perspective import PerspectiveHead, PerspectiveTargets, perspective_loss, perspective_targets
 from coin3d.geometry import Boxes3D
 
 
@@ -41,7 +43,7 @@ class BEVDepthConfig:
         depth_blocks: residual blocks of the depth net.
         aspp_channels: width of each dilated branch.
         depth_dropout: dropout behind them.
-        context_channels: channels lifted to BEV.
+        context_channels: channels lifted to BEV (into each height slab of the grid).
         bins: depth bins.
         grid: bird's-eye-view grid.
         bev_stages: channels of the BEV encoder.
@@ -49,6 +51,7 @@ class BEVDepthConfig:
         head_stride: cells of the grid per cell of the head, 1 or 2.
         head_channels: width of the head.
         min_radius_cells: smallest heat-map peak.
+        perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
         decode: how boxes are read off.
     """
 
@@ -71,6 +74,7 @@ class BEVDepthConfig:
     head_stride: int = 1
     head_channels: int = 64
     min_radius_cells: int = 2
+    perspective_weight: float = 0.0
     decode: DecodeOptions = field(default_factory=DecodeOptions)
 
     def __post_init__(self) -> None:
@@ -121,13 +125,15 @@ class BEVDepthConfig:
             depth_blocks=1,
             aspp_channels=32,
             depth_dropout=0.0,
-            context_channels=48,
+            context_channels=16,
             bins=DepthBins(1.0, 60.0, 1.0),
+            grid=BevGrid(z_edges_m=(-5.0, 0.3, 1.0, 1.8, 3.0)),
             bev_stages=(32, 64, 128),
             bev_channels=32,
             head_stride=2,
             head_channels=32,
             min_radius_cells=1,
+            perspective_weight=1.0,
             decode=DecodeOptions(min_score=0.05),
         )
 
@@ -154,8 +160,9 @@ class BEVDepth(nn.Module):
             for stride, channels in zip(config.strides, self.backbone.channels, strict=True)
         ]
         self.neck = FeaturePyramid(attached, config.neck_channels)
+        modulated_channels = method.attach("neck", config.neck_channels, config.strides[0])
         self.depth_net = DepthNet(
-            method.attach("neck", config.neck_channels, config.strides[0]),
+            modulated_channels,
             config.depth_channels,
             config.context_channels,
             config.bins.count,
@@ -165,11 +172,13 @@ class BEVDepth(nn.Module):
             config.depth_dropout,
         )
         self.lift_splat = LiftSplat(config.grid, config.bins, config.strides[0])
-        self.bev_encoder = BevEncoder(config.context_channels, config.bev_stages, config.bev_channels, config.head_stride)
+        bev_inputs = config.context_channels * config.grid.slabs
+        self.bev_encoder = BevEncoder(bev_inputs, config.bev_stages, config.bev_channels, config.head_stride)
         self.head = CenterHead(config.bev_channels, len(classes), config.head_channels)
+        self.perspective = PerspectiveHead(modulated_channels, config.neck_channels) if config.perspective_weight else None
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:
-        """Head outputs, and ``depth_logits`` (M, D, h, w)."""
+        """Head outputs, ``depth_logits`` (M, D, h, w) and, in training where it is supervised, ``perspective`` (M, 6, h, w)."""
         cameras, method = batch.cameras, self.method
         context = method.prepare(cameras)
         features = self.backbone(method.image(batch.images, context))
@@ -184,6 +193,8 @@ class BEVDepth(nn.Module):
             depth_logits.softmax(dim=1), lifted, cameras, batch.sample_index, batch.bev_from_ego, reuse=not self.training
         )
         outputs: dict[str, Tensor] = self.head(self.bev_encoder(bev))
+        if self.perspective is not None and self.training:
+            outputs["perspective"] = self.perspective(feature)
         return {**outputs, "depth_logits": depth_logits}
 
     def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
@@ -196,12 +207,19 @@ class BEVDepth(nn.Module):
             raise ValueError("training needs two images or more per step, for batch norm; take more cameras or samples")
         config, device = self.config, batch.images.device
         outputs = self(batch)
-        depth_logits = outputs.pop("depth_logits")
+        depth_logits, perspective = outputs.pop("depth_logits"), outputs.pop("perspective", None)
         targets = center_targets(batch.boxes, self.classes, config.head_grid, min_radius_cells=config.min_radius_cells)
         with torch.autocast(device.type, enabled=False):  # CUDA refuses this cross-entropy in half precision
             losses = center_losses(outputs, targets.to(device))
             losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.strides[0])
+            if perspective is not None:
+                losses["perspective"] = config.perspective_weight * perspective_loss(perspective, self._perspective(batch))
         return losses
+
+    def _perspective(self, batch: Batch) -> PerspectiveTargets:
+        ego_from_bev = torch.linalg.inv(batch.bev_from_ego).cpu().double().numpy()
+        in_ego = [transform_boxes(boxes, t) for boxes, t in zip(batch.boxes, ego_from_bev, strict=True)]
+        return perspective_targets([in_ego[i] for i in batch.sample_index.tolist()], batch.cameras, self.config.strides[0])
 
     @torch.no_grad()
     def detect(self, batch: Batch) -> list[Boxes3D]:

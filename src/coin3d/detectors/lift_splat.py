@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float, Int
@@ -42,16 +43,26 @@ class DepthBins:
 
 @dataclass(frozen=True)
 class BevGrid:
-    """Square grid of cells around the ego origin: x and y in [-half_extent_m, half_extent_m), rows are y, columns x."""
+    """Square grid of cells around the ego origin: x and y in [-half_extent_m, half_extent_m), rows are y, columns x.
+
+    Args:
+        half_extent_m: from the origin to each side.
+        cell_m: side of a cell.
+        z_edges_m: rising heights in the ego frame that bound the slabs a cell is cut into. One slab (as released) sums
+            over all heights; with more, what stands on the road is told from the road by where it lies, before the
+            network has learned what it looks like.
+    """
 
     half_extent_m: float = 51.2
     cell_m: float = 0.8
-    z_min_m: float = -5.0
-    z_max_m: float = 3.0
+    z_edges_m: tuple[float, ...] = (-5.0, 3.0)
 
     def __post_init__(self) -> None:
-        if self.cell_m <= 0 or self.half_extent_m <= 0 or self.z_min_m >= self.z_max_m:
-            raise ValueError(f"a BEV grid needs positive extent and cells and z_min < z_max, got {self}")
+        if self.cell_m <= 0 or self.half_extent_m <= 0:
+            raise ValueError(f"a BEV grid needs positive extent and cells, got {self}")
+        edges = self.z_edges_m
+        if len(edges) < 2 or any(low >= high for low, high in pairwise(edges)):
+            raise ValueError(f"the heights that bound a BEV grid are two or more rising values, got {edges}")
         if abs(self.side * self.cell_m - 2 * self.half_extent_m) > 1e-6:
             raise ValueError(f"the BEV grid is not a whole number of cells wide: {self}")
 
@@ -59,6 +70,11 @@ class BevGrid:
     def side(self) -> int:
         """Number of cells along x and along y."""
         return round(2 * self.half_extent_m / self.cell_m)
+
+    @property
+    def slabs(self) -> int:
+        """Number of height slabs."""
+        return len(self.z_edges_m) - 1
 
 
 class LiftSplat:
@@ -79,21 +95,24 @@ class LiftSplat:
         sample_index: Int[Tensor, "m"],
         bev_from_ego: Float[Tensor, "b 3 3"],
         reuse: bool = False,
-    ) -> Float[Tensor, "b c y x"]:
-        """Pool context weighted by depth probabilities; ``reuse`` looks the cameras up in the cache first."""
+    ) -> Float[Tensor, "b k y x"]:
+        """Pool context weighted by depth probabilities; ``reuse`` looks the cameras up in the cache first.
+
+        The channels are those of the lowest slab, then those of the next.
+        """
         lookup = self._cached_cells if reuse else self.cells
         cell = lookup(cameras, sample_index, bev_from_ego)
         m, d, h, w = depth.shape
         side, samples = self.grid.side, len(bev_from_ego)
         flat_depth = depth.permute(0, 2, 3, 1).reshape(m * h * w, d)
         flat_context = context.permute(0, 2, 3, 1).reshape(m * h * w, -1)
-        bev = bev_pool(flat_depth, flat_context, cell.reshape(m * h * w, d), samples * side * side)
+        bev = bev_pool(flat_depth, flat_context, cell.reshape(m * h * w, d), samples * side * side * self.grid.slabs)
         return bev.reshape(samples, side, side, -1).permute(0, 3, 1, 2).contiguous()
 
     def cells(
         self, cameras: CameraTensors, sample_index: Int[Tensor, "m"], bev_from_ego: Float[Tensor, "b 3 3"]
     ) -> Int[Tensor, "m h w d"]:
-        """Row (sample * side + y) * side + x of each point, -1 outside the grid."""
+        """Row ((sample * side + y) * side + x) * slabs + slab of each point, -1 outside the grid."""
         device = cameras.K.device
         h, w = cameras.height_px // self.stride, cameras.width_px // self.stride
         v, u = torch.meshgrid(
@@ -112,8 +131,10 @@ class LiftSplat:
         column = torch.floor((points[..., 0] + grid.half_extent_m) / grid.cell_m)
         row = torch.floor((points[..., 1] + grid.half_extent_m) / grid.cell_m)
         inside = (column >= 0) & (column < grid.side) & (row >= 0) & (row < grid.side)
-        inside &= (points[..., 2] >= grid.z_min_m) & (points[..., 2] < grid.z_max_m)
-        index = (sample_index[:, None, None, None] * grid.side + row) * grid.side + column
+        edges = torch.tensor(grid.z_edges_m, device=device)
+        slab = torch.bucketize(points[..., 2].contiguous(), edges, right=True) - 1
+        inside &= (slab >= 0) & (slab < grid.slabs)
+        index = ((sample_index[:, None, None, None] * grid.side + row) * grid.side + column) * grid.slabs + slab
         return torch.where(inside, index, -1).to(torch.int32)
 
     def _cached_cells(

@@ -7,8 +7,9 @@ from typing import Any
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from coin3d.augmentation import ViewAugmentation
+from coin3d.augmentation import FrameAugmentation, ViewAugmentation
 from coin3d.geometry.camera_tensors import CameraTensors
+from coin3d.rendering.gaussian_folder import GaussianFolder
 
 
 class Method(nn.Module):
@@ -19,7 +20,18 @@ class Method(nn.Module):
     """
 
     view_augmentation: ViewAugmentation | None = None
-    """Applied to every training view in the loader, before the generic image augmentation."""
+    """Applied to every raw training view in the loader, before the generic image augmentation."""
+
+    def frame_augmentation(self, gaussians: GaussianFolder | None) -> FrameAugmentation | None:
+        """What may make all views of a training sample in place of its raw images, or None.
+
+        Args:
+            gaussians: the frames as Gaussians, if training was given any.
+
+        Raises:
+            ValueError: the method needs them.
+        """
+        return None
 
     @property
     def extra_image_channels(self) -> int:

@@ -13,8 +13,9 @@ RGB = tuple[int, int, int]
 BACKGROUND: RGB = (22, 24, 28)
 TEXT: RGB = (235, 235, 235)
 FAINT: RGB = (110, 114, 122)
-TRUTH: RGB = (70, 220, 120)
-PREDICTION: RGB = (255, 90, 80)
+# as in the paper's figures: truth red, predictions green
+TRUTH: RGB = (255, 90, 80)
+PREDICTION: RGB = (70, 220, 120)
 
 # first match wins, so that "vehicle.bus.rigid" is a bus before it is a vehicle
 _BY_WORD: tuple[tuple[str, RGB], ...] = (

@@ -47,7 +47,7 @@ def top_view(
     """LiDAR points, boxes, the cameras' views as wedges, and range rings every 10 m, in the ego frame.
 
     A tick from the centre out of the front shows each box's heading. Truth alone is coloured by class; beside
-    predictions, truth is green and predictions are red.
+    predictions, truth is red and predictions are green.
 
     Args:
         rig: cameras; its ground is the zero of the height colours.

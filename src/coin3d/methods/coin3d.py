@@ -10,10 +10,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from coin3d.augmentation import FocalAugmentation
+from coin3d.augmentation import FocalAugmentation, FrameAugmentation, NovelViewOptions, novel_views
 from coin3d.detectors.method import Method
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.priors import PriorCache, PriorOptions, PriorSet, Projector, SpatialModulation, prior_maps
+from coin3d.rendering.gaussian_folder import GaussianFolder
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class CoIn3DOptions:
         modulate: ``False`` only concatenates the priors (paper table supp_ablation_priors, "Cat").
         focal_augmentation: zoom raw training images (paper F-Aug).
         focal: its range.
+        novel_views: train on rendered views as well (paper CDA).
         maps: constants of the prior maps; fixed at training time and stored in the checkpoint.
     """
 
@@ -37,6 +39,7 @@ class CoIn3DOptions:
     modulate: bool = True
     focal_augmentation: bool = True
     focal: FocalAugmentation = field(default_factory=FocalAugmentation)
+    novel_views: NovelViewOptions | None = None
     maps: PriorOptions = field(default_factory=PriorOptions)
 
 
@@ -50,6 +53,9 @@ class CoIn3D(Method):
         self.modulations = nn.ModuleDict()
         self._strides: dict[str, int] = {}
         self._priors = PriorCache(partial(prior_maps, options=options.maps))
+
+    def frame_augmentation(self, gaussians: GaussianFolder | None) -> FrameAugmentation | None:
+        return novel_views(self.options.novel_views, gaussians)
 
     @property
     def extra_image_channels(self) -> int:

@@ -9,13 +9,21 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from coin3d.augmentation import FrameAugmentation, NovelViewOptions, novel_views
 from coin3d.detectors.method import Method
 from coin3d.geometry.camera_tensors import CameraTensors
+from coin3d.rendering.gaussian_folder import GaussianFolder
 
 
 @dataclass(frozen=True)
 class DirectOptions:
-    """Direct transfer has nothing to set."""
+    """What direct transfer can be given beyond the detector's own means.
+
+    Args:
+        novel_views: train on rendered views as well (paper table GDA_ablation_v2, CDA with camera-aware SE).
+    """
+
+    novel_views: NovelViewOptions | None = None
 
 
 class Direct(Method):
@@ -28,6 +36,9 @@ class Direct(Method):
     def __init__(self, options: DirectOptions | None = None) -> None:
         super().__init__()
         self.options = options or DirectOptions()
+
+    def frame_augmentation(self, gaussians: GaussianFolder | None) -> FrameAugmentation | None:
+        return novel_views(self.options.novel_views, gaussians)
 
     @property
     def camera_vector_channels(self) -> int:

@@ -27,7 +27,8 @@ class FusionSettings:
         min_weight: voxels with less have no value; a point adds 1 to every voxel it hits in the middle.
         fill_holes: voxels without value that have one in more than half of their 26 neighbours take the mean, once. This
             closes pinholes and notches one voxel wide and leaves straight rims where they are.
-        normal_cells: side of the cells that normals are estimated in, in voxels.
+        normal_cells: sides of the cells that normals are estimated in, in voxels, small ones first; empty: distances are
+            measured along the rays.
 
     Raises:
         ValueError: a value out of range.
@@ -38,28 +39,28 @@ class FusionSettings:
     spread: int = 0
     min_weight: float = 5.0
     fill_holes: bool = True
-    normal_cells: float = 4.0
+    normal_cells: tuple[float, ...] = (4.0, 12.0)
 
     def __post_init__(self) -> None:
         if not (self.voxel_m > 0 and 1 <= self.truncation_voxels <= 16 and 0 <= self.spread <= 3):
             raise ValueError(f"voxels are larger than 0, truncation is 1 to 16 of them and spread 0 to 3, got {self}")
-        if self.min_weight < 0 or self.normal_cells <= 0:
-            raise ValueError(f"min_weight is 0 or more and normal_cells larger than 0, got {self}")
+        if self.min_weight < 0 or any(c <= 0 for c in self.normal_cells):
+            raise ValueError(f"min_weight is 0 or more and normal_cells are larger than 0, got {self}")
 
     @classmethod
     def for_sweeps(cls, sweeps: int, voxel_m: float = 0.1) -> FusionSettings:
         """What suits a scene of so many sweeps.
 
         From 200 sweeps on (a nuScenes scene at 20 Hz has about 400) this is the released setting: truncation of three voxels
-        and five observations. Below, a voxel sees fewer points: ``min_weight`` falls with the number to 1 at 40 sweeps, and below
-        that points also speak for the voxels beside them. The narrower band of sparse scenes keeps the two sides of thin things
-        apart, which no majority of observations does for them.
+        and five observations. With fewer, a voxel sees fewer points: the least weight falls with their number, and points
+        also speak for the voxels beside them, so that surfaces close between the rings of the LiDAR. The narrower band of
+        the sparsest scenes keeps the two sides of thin things apart, which no majority of observations does there.
         """
         if sweeps >= 200:
             return cls(voxel_m)
         if sweeps >= 40:
-            return cls(voxel_m, min_weight=float(max(1, sweeps // 40)), spread=0)
-        return cls(voxel_m, truncation_voxels=2.5, min_weight=1.0 if sweeps >= 10 else 0.5, spread=1)
+            return cls(voxel_m, min_weight=float(sweeps // 40), spread=1)
+        return cls(voxel_m, truncation_voxels=2.5, min_weight=1.0 if sweeps >= 10 else 0.2, spread=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +90,8 @@ def fuse(cloud: RayCloud, settings: FusionSettings, threads: int = 1) -> Field:
         ValueError: a point that is not finite or absurdly far away.
     """
     volume = TsdfVolume(settings.voxel_m, settings.voxel_m * settings.truncation_voxels)
-    cell_m = settings.normal_cells * settings.voxel_m
-    toward = free_directions(cloud, cell_m, max_thickness_m=0.4 * settings.voxel_m)
+    cells_m = [c * settings.voxel_m for c in settings.normal_cells]
+    toward = free_directions(cloud, cells_m, max_thickness_m=0.4 * settings.voxel_m)
     for first in range(0, len(cloud), _BATCH):
         rows = slice(first, first + _BATCH)
         volume.integrate(

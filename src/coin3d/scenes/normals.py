@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 
 from coin3d.scenes.ray_cloud import RayCloud
 
@@ -14,7 +16,7 @@ _MIN_FLATNESS = 3.0
 _GRAZING = 0.05
 
 
-def free_directions(cloud: RayCloud, cell_m: float, max_thickness_m: float) -> Float32[np.ndarray, "n 3"]:
+def free_directions(cloud: RayCloud, cells_m: Sequence[float], max_thickness_m: float) -> Float32[np.ndarray, "n 3"]:
     """(n, 3) unit vectors towards free space.
 
     A distance measured along the ray of a grazing LiDAR says little about the ground: 10 m from the sensor, a band of 0.3 m
@@ -24,24 +26,36 @@ def free_directions(cloud: RayCloud, cell_m: float, max_thickness_m: float) -> F
 
     Args:
         cloud: the rays.
-        cell_m: side of the cells.
+        cells_m: sides of the cells, the first in which a point's neighbourhood is flat counts; in larger ones more than one
+            ring of a LiDAR hits a wall.
         max_thickness_m: a flat cell has at most this standard deviation along its normal.
     """
     toward = cloud.toward_origin().astype(np.float32)
-    if not len(cloud):
-        return toward
-    cell_of, count = _cells(cloud.points_m, cell_m)
-    normal, thickness, width = _planes(cloud.points_m, cell_of, count, cell_m)
+    left = np.arange(len(cloud))
+    for cell_m in cells_m:
+        if not len(left):
+            break
+        # what was flat already still helps to tell what is flat around it
+        normal, flat = _normals(cloud.points_m, toward, cell_m, max_thickness_m)
+        rows = left[flat[left]]
+        toward[rows] = normal[rows]
+        left = left[~flat[left]]
+    return toward
+
+
+def _normals(
+    points_m: Float[np.ndarray, "n 3"], toward: Float32[np.ndarray, "n 3"], cell_m: float, max_thickness_m: float
+) -> tuple[Float32[np.ndarray, "n 3"], Bool[np.ndarray, "n"]]:
+    """For every point the normal of its cell on its own side, and whether the cell is flat."""
+    cell_of, count = _cells(points_m, cell_m)
+    normal, thickness, width = _planes(points_m, cell_of, count, cell_m)
     flat = (count >= _MIN_POINTS) & (thickness <= max_thickness_m) & (width >= _MIN_FLATNESS * np.maximum(thickness, 1e-3))
     mean_toward = np.stack([np.bincount(cell_of, toward[:, a], len(count)) for a in range(3)], axis=1) / count[:, None]
     normal *= np.where((normal * mean_toward).sum(1) < 0, -1.0, 1.0)[:, None]
     own = normal.astype(np.float32)[cell_of]
-    cosine = (own * toward).sum(1)
     # a thin wall seen from both sides has points of both sides in one cell
-    own[cosine < -_GRAZING] *= -1
-    rows = flat[cell_of]
-    toward[rows] = own[rows]
-    return toward
+    own[(own * toward).sum(1) < -_GRAZING] *= -1
+    return own, flat[cell_of]
 
 
 def _cells(points_m: Float[np.ndarray, "n 3"], cell_m: float) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "c"]]:

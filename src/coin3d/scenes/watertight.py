@@ -19,6 +19,9 @@ MIN_POINTS = 30
 """Objects seen by fewer points, the mirrored copy not counted, get no mesh."""
 _MARGIN = 4
 _LEAST_COMPONENT = 0.02
+_SKIN = 0.35
+_SMOOTHING = 0.7
+_ANCHOR = 0.15
 
 
 def object_voxel_m(size_m: Float[np.ndarray, "3"]) -> float:
@@ -50,10 +53,13 @@ def close_object(rays: RayCloud, size_m: Float[np.ndarray, "3"], threads: int = 
     seen = np.zeros(shape, dtype=bool)
     seen[tuple(cell.T)] = True
     within = _cells_of_box(size_m, voxel_m, low, shape)
-    inside = enclosed(seen | (np.abs(known_m) < voxel_m / 2), within, carved(rays, voxel_m, low, shape) & ~seen, voxel_m)
-    inside = np.where(np.isnan(known_m), inside, known_m < 0)
+    inside = enclosed(seen, within, carved(rays, voxel_m, low, shape) & ~seen, voxel_m)
+    # the field tells what is in front of a surface; what lies behind it may be past an edge, so there the votes decide
+    inside &= ~(known_m > 0)
+    # rays that graze a lonely edge put all of it in front
+    inside |= seen & ~ndimage.binary_dilation(inside, np.ones((3, 3, 3), dtype=bool))
     inside = _tidy(inside, cell)
-    return _surface(inside, known_m, low, voxel_m)
+    return _surface(inside, seen, known_m, low, voxel_m)
 
 
 def _dense(field: Field, low: Int[np.ndarray, "3"], shape: Int[np.ndarray, "3"]) -> Float[np.ndarray, "x y z"]:
@@ -111,16 +117,23 @@ def _tidy(inside: Bool[np.ndarray, "x y z"], cell: Int[np.ndarray, "n 3"]) -> Bo
 
 
 def _surface(
-    inside: Bool[np.ndarray, "x y z"], known_m: Float[np.ndarray, "x y z"], low: Int[np.ndarray, "3"], voxel_m: float
+    inside: Bool[np.ndarray, "x y z"],
+    seen: Bool[np.ndarray, "x y z"],
+    known_m: Float[np.ndarray, "x y z"],
+    low: Int[np.ndarray, "3"],
+    voxel_m: float,
 ) -> TriangleMesh:
     """The zero surface of the known field where it agrees with the cells, and of a smoothed distance to them elsewhere."""
     if not inside.any():
         return TriangleMesh.empty()
-    distance = ndimage.distance_transform_edt(~inside) - ndimage.distance_transform_edt(inside)
-    distance -= 0.5 * np.sign(distance)
-    smooth_m = voxel_m * ndimage.gaussian_filter(np.clip(distance, -3, 3), 0.8)
+    cells = ndimage.distance_transform_edt(~inside) - ndimage.distance_transform_edt(inside)
+    # half a cell from its centre to its side; and a surface runs through the outermost cell, not around it
+    cells += _SKIN - 0.5 * np.sign(cells)
     agree = ~np.isnan(known_m) & ((known_m < 0) == inside)
-    values = np.where(agree, known_m, smooth_m)
+    values = np.where(agree, known_m, voxel_m * cells)
+    values = ndimage.gaussian_filter(np.clip(values, -3 * voxel_m, 3 * voxel_m), _SMOOTHING)
+    # a line of points along an edge must not be smoothed away
+    values = np.where(seen & inside, np.minimum(values, -_ANCHOR * voxel_m), values)
     for axis in range(3):
         np.moveaxis(values, axis, 0)[[0, -1]] = voxel_m
     return _blocks(values, low, voxel_m).surface()

@@ -19,6 +19,7 @@ from coin3d.detectors import Batch, BEVDepth, collate
 from coin3d.records import write_bytes
 from coin3d.training.checkpoint import save_checkpoint
 from coin3d.training.ema import WeightAverage
+from coin3d.training.optimizers import Optimizers, build_optimizers
 from coin3d.training.options import TrainOptions
 from coin3d.training.samples import TrainingSamples
 
@@ -57,16 +58,16 @@ def fit(
     """
     out.mkdir(parents=True, exist_ok=True)
     model = model.to(device).to(memory_format=torch.channels_last)
-    optimizer = torch.optim.AdamW(model.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay)
+    optimizers = build_optimizers(model, options)
     average = WeightAverage(model, options.ema_decay)
-    start = _restore(out / STATE_FILE, model, optimizer, average, progress)
+    start = _restore(out / STATE_FILE, model, optimizers, average, progress)
     _drop_log_after(out / LOG_FILE, start)
     model.train()
     batches = _batches(samples, options, start)
     began = time.monotonic()
     with (out / LOG_FILE).open("a", encoding="utf-8") as log:
         for step in range(start, options.steps):
-            record = _step(model, optimizer, average, batches, options, step, device)
+            record = _step(model, optimizers, average, batches, options, step, device)
             log.write(json.dumps(record.__dict__) + "\n")
             log.flush()
             done = step + 1
@@ -75,14 +76,14 @@ def fit(
                 parts = " ".join(f"{k} {v:.2f}" for k, v in record.losses.items())
                 progress(f"step {done}/{options.steps}  loss {record.total:.2f} ({parts})  {left / 60:.1f} min left")
             if done % options.save_every == 0 and done < options.steps:
-                _save_state(out / STATE_FILE, model, optimizer, average, done)
+                _save_state(out / STATE_FILE, model, optimizers, average, done)
     save_checkpoint(out / WEIGHTS_FILE, average.weights, description)
     (out / STATE_FILE).unlink(missing_ok=True)
 
 
 def _step(
     model: BEVDepth,
-    optimizer: torch.optim.Optimizer,
+    optimizers: Optimizers,
     average: WeightAverage,
     batches: Iterator[Batch],
     options: TrainOptions,
@@ -93,9 +94,9 @@ def _step(
     batch = next(batches).to(device)
     waited = time.monotonic() - began
     torch.manual_seed(options.seed * 1_000_003 + step)  # dropout is a function of the step: resuming changes nothing
-    rate = options.learning_rate_at(step)
-    for group in optimizer.param_groups:
-        group["lr"] = rate
+    for optimizer, peak_rate in optimizers:
+        for group in optimizer.param_groups:
+            group["lr"] = peak_rate * options.schedule_at(step)
     kind = torch.device(device).type
     with torch.autocast(kind, dtype=torch.bfloat16, enabled=options.precision == "bfloat16"):
         losses = model.losses(batch)
@@ -103,12 +104,14 @@ def _step(
     if not torch.isfinite(total):
         found = ", ".join(f"{name} {float(value.detach()):g}" for name, value in losses.items())
         raise ValueError(f"step {step}: the loss is not finite ({found}); lower the learning rate")
-    optimizer.zero_grad(set_to_none=True)
+    for optimizer, _ in optimizers:
+        optimizer.zero_grad(set_to_none=True)
     torch.autograd.backward([total])
     norm = torch.nn.utils.clip_grad_norm_(model.parameters(), options.clip_norm)
     if not torch.isfinite(norm):  # stop before the weights, and then the saved state, take it in
         raise ValueError(f"step {step}: the gradient is not finite; lower the learning rate")
-    optimizer.step()
+    for optimizer, _ in optimizers:
+        optimizer.step()
     average.update(model, step)
     seconds = time.monotonic() - began
     return StepLog(
@@ -116,7 +119,7 @@ def _step(
         round(float(total.detach()), 5),
         {name: round(float(value.detach()), 5) for name, value in losses.items()},
         round(float(norm), 4),
-        rate,
+        options.learning_rate_at(step),
         round(seconds, 4),
         round(waited, 4),
     )
@@ -143,15 +146,16 @@ def _one_thread(worker: int) -> None:
     torch.set_num_threads(1)
 
 
-def _save_state(path: Path, model: BEVDepth, optimizer: torch.optim.Optimizer, average: WeightAverage, step: int) -> None:
+def _save_state(path: Path, model: BEVDepth, optimizers: Optimizers, average: WeightAverage, step: int) -> None:
     buffer = io.BytesIO()
-    state = {"model": model.state_dict(), "optimizer": optimizer.state_dict(), "average": average.weights, "step": step}
+    progressed = [optimizer.state_dict() for optimizer, _ in optimizers]
+    state = {"model": model.state_dict(), "optimizers": progressed, "average": average.weights, "step": step}
     torch.save(state, buffer)
     write_bytes(path, buffer.getvalue())
 
 
 def _restore(
-    path: Path, model: BEVDepth, optimizer: torch.optim.Optimizer, average: WeightAverage, progress: Callable[[str], None]
+    path: Path, model: BEVDepth, optimizers: Optimizers, average: WeightAverage, progress: Callable[[str], None]
 ) -> int:
     if not path.is_file():
         return 0
@@ -163,7 +167,8 @@ def _restore(
         model.load_state_dict(state["model"])
     except RuntimeError as error:
         raise ValueError(f"{path}: the state of another detector or method; choose an empty folder. {error}") from error
-    optimizer.load_state_dict(state["optimizer"])
+    for (optimizer, _), progressed in zip(optimizers, state["optimizers"], strict=True):
+        optimizer.load_state_dict(progressed)
     average.weights = {k: v.to(average.weights[k].device) for k, v in state["average"].items()}
     progress(f"continuing from step {state['step']}")
     return int(state["step"])

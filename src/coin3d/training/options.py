@@ -17,7 +17,9 @@ class TrainOptions:
     Args:
         steps: optimiser steps.
         batch_size: frames per step.
+        optimizer: ``adamw`` for everything, or ``muon`` for the convolutions and AdamW for the rest.
         learning_rate: peak learning rate of AdamW.
+        muon_learning_rate: peak learning rate of Muon.
         weight_decay: of AdamW.
         warmup_steps: linear warm-up from a thousandth of the learning rate.
         schedule: after warm-up, fall to zero along a cosine or stay (the released configuration stays).
@@ -32,7 +34,9 @@ class TrainOptions:
 
     steps: int = 100_000
     batch_size: int = 8
+    optimizer: Literal["adamw", "muon"] = "adamw"
     learning_rate: float = 2e-4
+    muon_learning_rate: float = 0.02
     weight_decay: float = 1e-2
     warmup_steps: int = 200
     schedule: Literal["cosine", "constant"] = "constant"
@@ -64,29 +68,36 @@ class TrainOptions:
     def tiny(cls) -> TrainOptions:
         """About ten minutes on two CPU cores.
 
-        Images are neither mirrored nor turned and the ground plane is not mirrored. A mirror hides which way a car faces
-        from features that are not told of it, and a turn of 5 degrees moves the horizon at the edge of a 352-pixel image
-        by 16 rows, which is the difference between 10 m and 100 m: both are learned around in days, not in minutes.
+        Neither images nor the ground plane are mirrored or turned. A mirror hides which way a car faces from features that
+        are not told of it; a turn of the image by 5 degrees moves the horizon at the edge of a 352-pixel image by 16 rows,
+        which is the difference between 10 m and 100 m; a turn of the ground plane keeps the features from knowing where
+        their rays lead. All three are learned around in days, not in minutes.
         """
         return cls(
             steps=1_000,
             batch_size=4,
+            optimizer="muon",
             learning_rate=1e-3,
+            muon_learning_rate=0.03,
             warmup_steps=100,
             schedule="cosine",
             ema_decay=0.99,
             augment=AugmentOptions(
                 image=ImageAugmentation(flip_probability=0.0, max_rotation_deg=0.0),
-                bev=BevAugmentation(flip_probability=0.0),
+                bev=BevAugmentation(max_rotation_deg=0.0, min_scale=1.0, max_scale=1.0, flip_probability=0.0),
                 cameras_per_sample=3,
             ),
         )
 
     def learning_rate_at(self, step: int) -> float:
-        """Learning rate of a step, counted from 0."""
+        """AdamW's learning rate of a step, counted from 0."""
+        return self.learning_rate * self.schedule_at(step)
+
+    def schedule_at(self, step: int) -> float:
+        """The share of the peak learning rate that is used in a step, counted from 0."""
         if step < self.warmup_steps:
-            return self.learning_rate * (0.001 + 0.999 * step / self.warmup_steps)
+            return 0.001 + 0.999 * step / self.warmup_steps
         if self.schedule == "constant":
-            return self.learning_rate
+            return 1.0
         progress = (step - self.warmup_steps) / max(1, self.steps - self.warmup_steps)
-        return self.learning_rate * 0.5 * (1 + math.cos(math.pi * progress))
+        return 0.5 * (1 + math.cos(math.pi * progress))

@@ -8,7 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch.utils.data
 
-from coin3d.augmentation import BevAugmentation, ImageAugmentation, View, ViewAugmentation, transform_boxes
+from coin3d.augmentation import (
+    BevAugmentation,
+    FrameAugmentation,
+    ImageAugmentation,
+    View,
+    ViewAugmentation,
+    transform_boxes,
+)
 from coin3d.datasets.classes import ClassMap
 from coin3d.datasets.frame import Frame, Recording
 from coin3d.detectors.inputs import Sample, lidar_depth
@@ -23,11 +30,13 @@ class AugmentOptions:
         image: mirrors and turns of images.
         bev: turns, scales and mirrors of the ground plane.
         cameras_per_sample: train on this many randomly chosen cameras of each frame; 0 means all.
+        keep_unseen_boxes: also ask for boxes that no camera of the sample sees, as the released code does.
     """
 
     image: ImageAugmentation = field(default_factory=ImageAugmentation)
     bev: BevAugmentation = field(default_factory=BevAugmentation)
     cameras_per_sample: int = 0
+    keep_unseen_boxes: bool = False
 
     def __post_init__(self) -> None:
         if self.cameras_per_sample < 0:
@@ -45,9 +54,10 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         class_map: which classes are learned.
         size_px: (width, height) of the network input.
         augment: generic augmentation.
-        view_augmentation: the method's own augmentation of a view.
+        view_augmentation: the method's own augmentation of a raw view.
         seed: of everything random.
         count: how many samples there are.
+        frame_augmentation: the method's own way to make all views of a sample.
     """
 
     def __init__(
@@ -59,9 +69,11 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         view_augmentation: ViewAugmentation | None,
         seed: int,
         count: int,
+        frame_augmentation: FrameAugmentation | None = None,
     ) -> None:
         self.recordings, self.class_map, self.size_px = list(recordings), class_map, size_px
         self.augment, self.view_augmentation, self.seed, self.count = augment, view_augmentation, seed, count
+        self.frame_augmentation = frame_augmentation
         self.places = [(r, i) for r, recording in enumerate(self.recordings) for i in range(len(recording))]
         if not self.places:
             raise ValueError("there are no frames to train on")
@@ -82,17 +94,19 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
             raise ValueError(f"frame {frame.token} has no annotations; training needs them")
         if frame.lidar is None:
             raise ValueError(f"frame {frame.token} has no LiDAR; training needs it for depth supervision")
-        views = [self._view(frame, name, rng) for name in self._choose(frame, rng)]
+        views = self._views(frame, rng)
         cameras = [v.network_camera() for v in views]
         points_ego = frame.lidar.load().points_ego
         bev_from_ego = self.augment.bev.draw(rng)
+        boxes = self.class_map.apply(frame.boxes)
+        hit = boxes[boxes.num_lidar_points != 0]
         return Sample(
             np.stack([v.network_image() for v in views]),
             tuple(cameras),
             frame.rig.ground,
             bev_from_ego,
             np.stack([lidar_depth(points_ego, camera) for camera in cameras]),
-            transform_boxes(visible_boxes(self.class_map.apply(frame.boxes), cameras), bev_from_ego),
+            transform_boxes(hit if self.augment.keep_unseen_boxes else visible_boxes(hit, cameras), bev_from_ego),
         )
 
     def _choose(self, frame: Frame, rng: np.random.Generator) -> list[str]:
@@ -102,7 +116,15 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
             return names
         return [names[i] for i in sorted(rng.choice(len(names), count, replace=False))]
 
-    def _view(self, frame: Frame, name: str, rng: np.random.Generator) -> View:
+    def _views(self, frame: Frame, rng: np.random.Generator) -> list[View]:
+        names = self._choose(frame, rng)
+        if self.frame_augmentation is not None:
+            made = self.frame_augmentation(frame, names, self.size_px, rng)
+            if made is not None:
+                return [self.augment.image(view, rng) for view in made]
+        return [self._raw_view(frame, name, rng) for name in names]
+
+    def _raw_view(self, frame: Frame, name: str, rng: np.random.Generator) -> View:
         camera = frame.rig[name]
         view = View(frame.image(name), camera, fit_width(camera, *self.size_px))
         if self.view_augmentation is not None:

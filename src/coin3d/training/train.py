@@ -12,6 +12,7 @@ import torch
 from coin3d.datasets.classes import ClassMap
 from coin3d.datasets.open import open_recording
 from coin3d.records import to_plain, write_json
+from coin3d.rendering.gaussian_folder import GaussianFolder
 from coin3d.training.checkpoint import build_detector, describe, load_weights
 from coin3d.training.curves import draw_curves
 from coin3d.training.loop import LOG_FILE, WEIGHTS_FILE, fit
@@ -33,6 +34,7 @@ def train(
     class_map: ClassMap,
     options: TrainOptions,
     init: Path | None = None,
+    gaussians: Path | None = None,
     device: str = "cpu",
     progress: Callable[[str], None] = print,
 ) -> Path:
@@ -41,7 +43,11 @@ def train(
     ``out`` receives run.json (everything needed to repeat the run), log.jsonl, curves.png and model.safetensors. Called
     again on an unfinished ``out`` with the same arguments it continues; on a finished one it does nothing.
 
+    ``gaussians`` is the folder of the recordings' scenes as Gaussians, for methods with novel views. It is needed while
+    training only: a checkpoint says that novel views were used, not where they lay.
+
     Raises:
+        FileNotFoundError: a recording, checkpoint or folder of Gaussians that is not there.
         ValueError: ``out`` holds a run with other settings, or data that cannot be trained on. Nothing was written then.
     """
     settings = to_plain(
@@ -54,6 +60,7 @@ def train(
             "classes": class_map.name,
             "training": options,
             "init": str(init) if init else None,
+            "gaussians": str(gaussians) if gaussians else None,
         }
     )
     torch.manual_seed(options.seed)
@@ -63,8 +70,13 @@ def train(
     size = (config.image_width_px, config.image_height_px)
     recordings = [open_recording(path) for path in data]
     count = options.steps * options.batch_size
+    frame_augmentation = model.method.frame_augmentation(None if gaussians is None else GaussianFolder.open(gaussians))
+    if gaussians is not None and frame_augmentation is None:
+        raise ValueError(f"the method {method} as it is set renders no novel views: it has no use for {gaussians}")
     view_augmentation = model.method.view_augmentation
-    samples = TrainingSamples(recordings, class_map, size, options.augment, view_augmentation, options.seed, count)
+    samples = TrainingSamples(
+        recordings, class_map, size, options.augment, view_augmentation, options.seed, count, frame_augmentation
+    )
     samples[0]  # data that cannot be trained on should show before anything is written
     _claim(out, settings, data)
     if (out / WEIGHTS_FILE).is_file():
