@@ -19,10 +19,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from coin3d.scenes.build import build_scenes
-from coin3d.scenes.options import BuildOptions
-from coin3d.scenes.seen_view import FROM_COMPLETION, FROM_MESH
-from coin3d.scenes.work_files import SceneFiles, read_views
 
 from coin3d.datasets.frame import Frame
 from coin3d.datasets.open import open_recording
@@ -33,6 +29,10 @@ from coin3d.records import write_json
 from coin3d.rendering import prepare
 from coin3d.rendering.gaussian_folder import GaussianFolder
 from coin3d.rendering.settings import RenderedRig, render_rig
+from coin3d.scenes.build import build_scenes
+from coin3d.scenes.options import BuildOptions
+from coin3d.scenes.seen_view import FROM_COMPLETION, FROM_MESH
+from coin3d.scenes.work_files import SceneFiles, read_views
 from coin3d.town import record
 from coin3d.training.run_dir import environment
 

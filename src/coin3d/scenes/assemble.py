@@ -42,8 +42,8 @@ class SplatRadii:
     foreground_m: float = 0.0025
     hidden_m: float = 0.001
     blind_m: float = 0.02
-    least_px: float = 0.4
-    most_px: float = 0.5
+    least_px: float = 0.35
+    most_px: float = 0.45
     sky_px: float = 0.6
 
     def __post_init__(self) -> None:

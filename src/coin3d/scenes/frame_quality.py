@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import UInt8
 
 from coin3d.geometry import GroundPlane
 from coin3d.rendering import Gaussians, render
@@ -27,7 +28,7 @@ class FrameQuality:
         completed: completed.
         sky: put at the distance of the sky.
         known_below_horizon: share with measured depth, of the pixels below the horizon.
-        psnr_db: of the frame's own images rendered from the Gaussians.
+        psnr_db: of the frame's own images rendered from the Gaussians, mean over the images.
         empty_below_horizon: share of rendered pixels below the horizon with alpha under 0.5.
     """
 
@@ -48,9 +49,7 @@ def frame_quality(token: str, gaussians: Gaussians, views: Sequence[SeenView], g
     below = np.concatenate([np.isfinite(plane_depth(view.camera, ground)).reshape(-1) for view in views])
     rendered = render(gaussians, [view.camera for view in views])
     alpha = np.concatenate([image.alpha.reshape(-1) for image in rendered])
-    pairs = zip(rendered, views, strict=True)
-    error = np.concatenate([(image.rgb.astype(np.float32) - view.rgb).reshape(-1) for image, view in pairs])
-    mean_square = max(float(np.square(error).mean()), 1e-6)
+    psnr_db = [_psnr_db(image.rgb, view.rgb) for image, view in zip(rendered, views, strict=True)]
     measured = (source == FROM_MESH) | (source == FROM_LIDAR)
 
     def share(kind: int) -> float:
@@ -64,6 +63,11 @@ def frame_quality(token: str, gaussians: Gaussians, views: Sequence[SeenView], g
         completed=share(FROM_COMPLETION),
         sky=share(FROM_SKY),
         known_below_horizon=round(float(measured[below].mean()), 5) if below.any() else 0.0,
-        psnr_db=round(10 * float(np.log10(255**2 / mean_square)), 3),
+        psnr_db=round(float(np.mean(psnr_db)), 3),
         empty_below_horizon=round(float((alpha[below] < _EMPTY_ALPHA).mean()), 5) if below.any() else 0.0,
     )
+
+
+def _psnr_db(rendered: UInt8[np.ndarray, "h w 3"], image: UInt8[np.ndarray, "h w 3"]) -> float:
+    error = np.square(rendered.astype(np.float32) - image).mean()
+    return float(10 * np.log10(255**2 / max(float(error), 1e-6)))

@@ -36,7 +36,7 @@ class BuildOptions:
     inpainting: Inpainting = field(default_factory=FastMarchingInpainting)
     neighbours: int = 4
     band: float = 0.04
-    sharpen: int = 1
+    sharpen: int = 2
     object_range_m: float = 60.0
     keep_depth: bool = False
     min_psnr_db: float = 20.0

@@ -147,8 +147,11 @@ def assemble(job: SceneJob, index: int) -> Seconds:
 
 
 def start_worker() -> None:
-    """Processes are the parallelism: libraries stay on one thread each."""
+    """Processes are the parallelism: libraries stay on one thread each. Nothing of an earlier build is remembered."""
     cv2.setNumThreads(1)
+    _VIEWS.clear()
+    _scene_meshes.cache_clear()
+    _scene_models.cache_clear()
 
 
 def _back_layers(
