@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coin3d.augmentation import BevAugmentation, FocalAugmentation, ImageAugmentation
+from coin3d.augmentation import ArrayChange, NovelViewOptions, RigSampler, BevAugmentation, FocalAugmentation, ImageAugmentation
 from coin3d.detectors import BEVDepthConfig
 from coin3d.methods import METHODS, CoIn3DOptions
 from coin3d.priors import PriorOptions, PriorSet
@@ -57,6 +57,7 @@ def test_round_trip_through_json(count: int, gain: float, name: str, sizes: list
         CoIn3DOptions(
             "paper", PriorSet(pluecker=False), "conv1", False, False, FocalAugmentation(0.9, 1.1), PriorOptions(444.0)
         ),
+        CoIn3DOptions(novel_views=NovelViewOptions(0.3, RigSampler(height_m=(1.0, 2.0), array=ArrayChange()))),
     ],
     ids=lambda value: type(value).__name__,
 )

@@ -29,8 +29,8 @@ class CoIn3DOptions:
         modulate: ``False`` only concatenates the priors (paper table supp_ablation_priors, "Cat").
         focal_augmentation: zoom raw training images (paper F-Aug).
         focal: its range.
-        novel_views: train on rendered views as well (paper CDA).
         maps: constants of the prior maps; fixed at training time and stored in the checkpoint.
+        novel_views: train on rendered views as well (paper CDA).
     """
 
     placement: Literal["released", "paper"] = "released"
@@ -39,8 +39,8 @@ class CoIn3DOptions:
     modulate: bool = True
     focal_augmentation: bool = True
     focal: FocalAugmentation = field(default_factory=FocalAugmentation)
-    novel_views: NovelViewOptions | None = None
     maps: PriorOptions = field(default_factory=PriorOptions)
+    novel_views: NovelViewOptions | None = None
 
 
 class CoIn3D(Method):
