@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coin3d.augmentation import ArrayChange, NovelViewOptions, RigSampler, BevAugmentation, FocalAugmentation, ImageAugmentation
+from coin3d.augmentation import ArrayChange, BevAugmentation, FocalAugmentation, ImageAugmentation, NovelViewOptions, RigSampler
 from coin3d.detectors import BEVDepthConfig
 from coin3d.methods import METHODS, CoIn3DOptions
 from coin3d.priors import PriorOptions, PriorSet

@@ -34,6 +34,7 @@ SCENES_FORMAT = 1
 """Raised whenever the same recording and options give other Gaussians."""
 
 _TELL_EVERY_S = 5.0
+_STEPS_PER_FRAME = 2  # depth, Gaussians
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,7 @@ def build_scenes(
     _check_settings(out, options)
     jobs = _jobs(recording, out, options)
     began = time.monotonic()
-    clock = _Clock(sum(len(job.frames) for job in jobs), progress)
+    clock = _Clock(_STEPS_PER_FRAME * sum(len(job.frames) for job in jobs), progress)
     # a thread per active scene hands its steps to the shared processes in order
     with single_threaded_processes(workers, start_worker) as pool, ThreadPoolExecutor(max(1, workers)) as drivers:
         results = list(drivers.map(lambda job: _build_scene(job, pool, clock), jobs))
@@ -116,7 +117,7 @@ def build_scenes(
 class _Clock:
     """Adds up the seconds of all steps and says how long it will take."""
 
-    frames: int
+    steps: int
     progress: Callable[[str], None]
     seconds: Seconds = field(default_factory=dict)
     _done: int = 0
@@ -130,18 +131,27 @@ class _Clock:
             for step, spent in seconds.items():
                 self.seconds[step] = self.seconds.get(step, 0.0) + spent
 
-    def frame_done(self, seconds: Seconds) -> None:
-        """Count a finished frame; what was there already (no seconds) does not make the estimate rosy."""
-        self.add(seconds)
+    def skip(self, frames: int) -> None:
+        """Frames that an earlier call finished."""
+        with self._lock:
+            self._done += _STEPS_PER_FRAME * frames
+
+    def frame_step(self, future: Future[Seconds]) -> None:
+        """Count a finished step of a frame; what was there already (no seconds) does not make the estimate rosy."""
+        if future.cancelled() or future.exception() is not None:
+            return
+        self.add(future.result())
         with self._lock:
             self._done += 1
-            self._fresh += bool(seconds)
+            self._fresh += bool(future.result())
             now = time.monotonic()
-            if now - self._told < _TELL_EVERY_S and self._done < self.frames:
+            if now - self._told < _TELL_EVERY_S and self._done < self.steps:
                 return
             self._told = now
-            left = (now - self._began) / max(self._fresh, 1) * (self.frames - self._done)
-            self.progress(f"{self._done} of {self.frames} frames, {now - self._began:.0f} s, about {left:.0f} s left")
+            spent = now - self._began
+            left = spent / max(self._fresh, 1) * (self.steps - self._done)
+            frames = self.steps // _STEPS_PER_FRAME
+            self.progress(f"{self._done / self.steps:.0%} of {frames} frames, {spent:.0f} s, about {left:.0f} s left")
 
     def rounded(self) -> Seconds:
         return {step: round(spent, 2) for step, spent in self.seconds.items()}
@@ -149,6 +159,7 @@ class _Clock:
 
 def _build_scene(job: SceneJob, pool: Executor, clock: _Clock) -> SceneResult:
     """All steps of a scene; within a step its frames are worked on at the same time."""
+<<<<<<< HEAD
     rows = range(len(job.frames))
     job.files.folder.mkdir(parents=True, exist_ok=True)
     save_rig(job.frames[0].rig, job.files.folder / RIG_FILE)
@@ -163,13 +174,29 @@ def _build_scene(job: SceneJob, pool: Executor, clock: _Clock) -> SceneResult:
         clock.frame_done(done)
     if todo:
         clock.add(pool.submit(draw_scene, job).result())
+=======
+    if all(_finished(job, i) for i in range(len(job.frames))):
+        clock.skip(len(job.frames))
+        return _result(job)
+    clock.add(pool.submit(fuse_scene, job).result())
+    # every frame's depth, also of finished ones: others take colours from it
+    _for_all_frames(see, job, pool, clock)
+    clock.add(pool.submit(model, job).result())
+    _for_all_frames(assemble, job, pool, clock)
+    clock.add(pool.submit(draw_scene, job).result())
+>>>>>>> f9bda0bbad47661cea497b4c02faf60204358af3
     if not job.options.keep_depth:
         job.files.drop_depth()
     return _result(job)
 
 
-def _all(futures: Sequence[Future[Seconds]]) -> list[Seconds]:
-    return [future.result() for future in futures]
+def _for_all_frames(step: Callable[[SceneJob, int], Seconds], job: SceneJob, pool: Executor, clock: _Clock) -> None:
+    futures = []
+    for i in range(len(job.frames)):
+        futures.append(pool.submit(step, job, i))
+        futures[-1].add_done_callback(clock.frame_step)
+    for future in futures:
+        future.result()  # raises what went wrong
 
 
 def _finished(job: SceneJob, index: int) -> bool:
