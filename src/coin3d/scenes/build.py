@@ -159,22 +159,8 @@ class _Clock:
 
 def _build_scene(job: SceneJob, pool: Executor, clock: _Clock) -> SceneResult:
     """All steps of a scene; within a step its frames are worked on at the same time."""
-<<<<<<< HEAD
-    rows = range(len(job.frames))
     job.files.folder.mkdir(parents=True, exist_ok=True)
     save_rig(job.frames[0].rig, job.files.folder / RIG_FILE)
-    todo = [i for i in rows if not _finished(job, i)]
-    if todo:
-        clock.add(pool.submit(fuse_scene, job).result())
-        # every frame's depth, also of finished ones: others take colours from it
-        for done in _all([pool.submit(see, job, i) for i in rows]):
-            clock.add(done)
-        clock.add(pool.submit(model, job).result())
-    for done in _all([pool.submit(assemble, job, i) for i in rows]):
-        clock.frame_done(done)
-    if todo:
-        clock.add(pool.submit(draw_scene, job).result())
-=======
     if all(_finished(job, i) for i in range(len(job.frames))):
         clock.skip(len(job.frames))
         return _result(job)
@@ -184,7 +170,6 @@ def _build_scene(job: SceneJob, pool: Executor, clock: _Clock) -> SceneResult:
     clock.add(pool.submit(model, job).result())
     _for_all_frames(assemble, job, pool, clock)
     clock.add(pool.submit(draw_scene, job).result())
->>>>>>> f9bda0bbad47661cea497b4c02faf60204358af3
     if not job.options.keep_depth:
         job.files.drop_depth()
     return _result(job)
