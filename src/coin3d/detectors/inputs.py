@@ -14,6 +14,7 @@ from coin3d.datasets.frame import Frame
 from coin3d.detectors.batch import Batch, normalise_image
 from coin3d.geometry import Boxes3D, Camera, GroundPlane, fit_width
 from coin3d.geometry.camera_tensors import CameraTensors
+from coin3d.geometry.depth_image import nearest_depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +72,6 @@ def collate(samples: Sequence[Sample]) -> Batch:
 
 def lidar_depth(points_ego: Float[np.ndarray, "n 3"], camera: Camera) -> Float[np.ndarray, "h w"]:
     """Nearest LiDAR depth in each pixel of a camera, metres along the optical axis, 0 where no point falls."""
-    pixels, depth_m = camera.project(points_ego)
-    seen = camera.in_image(pixels, depth_m)
-    u, v = np.floor(pixels[seen]).astype(np.int64).T
-    flat = np.full(camera.height_px * camera.width_px, np.inf, dtype=np.float32)
-    np.minimum.at(flat, v * camera.width_px + u, depth_m[seen].astype(np.float32))
-    flat[np.isinf(flat)] = 0
-    return flat.reshape(camera.height_px, camera.width_px)
+    nearest = nearest_depth(points_ego, camera)
+    nearest[np.isinf(nearest)] = 0
+    return nearest

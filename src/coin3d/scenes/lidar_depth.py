@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from coin3d.geometry import Camera
+from coin3d.geometry.depth_image import nearest_depth
 
 # a return this much farther than one beside it was seen past an edge by the higher LiDAR, not by the camera
 _HIDDEN_BEHIND = 1.1
@@ -23,11 +24,7 @@ def lidar_depth(points_ego: Float[np.ndarray, "n 3"], camera: Camera) -> Float[n
         points_ego: returns in the ego frame.
         camera: any camera in the ego frame.
     """
-    pixels, depth_m = camera.project(points_ego)
-    seen = camera.in_image(pixels, depth_m)
-    u, v = np.floor(pixels[seen]).astype(np.int64).T
-    nearest = np.full((camera.height_px, camera.width_px), np.inf, dtype=np.float32)
-    np.minimum.at(nearest, (v, u), depth_m[seen].astype(np.float32))
+    nearest = nearest_depth(points_ego, camera)
     side = 2 * max(1, round(camera.width_px * _BESIDE / 2)) + 1
     around = cv2.erode(nearest, np.ones((side, side), dtype=np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=np.inf)
     return np.where(np.isfinite(nearest) & (nearest <= _HIDDEN_BEHIND * around), nearest, np.float32(0))
