@@ -5,7 +5,6 @@
 records a few worlds through a nuScenes-like rig (the builder sees its images, sweeps, boxes and poses, nothing else) and the
 same worlds through other rigs with true depth, builds the Gaussians, renders every key frame through every rig, and compares.
 Writes results/novel_views.json and a sheet of pairs of pictures per setting. Steps whose products exist are skipped.
-About 20 minutes on two cores.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 records the town through a nuScenes-like and a Waymo-like rig (same worlds), trains one detector per row at preset
 `tiny`, scores each on both rigs, and writes one small JSON per row into results/town_transfer/. Every step is skipped
 when its product exists, so an interrupted run continues. `--rows` chooses rows, `--seed` the seed of weights and order.
-About 25 minutes of recording and 10 minutes of training per row on two cores. `--ship` also stores the weights of the rows
+Each result tells the minutes of its training. `--ship` also stores the weights of the rows
 `direct` and `sfm+faug` in half precision in src/coin3d/weights, where `coin3d demo` finds them.
 """
 

@@ -1,7 +1,7 @@
 """Muon: momentum whose update of every weight matrix is made orthogonal (Jordan et al. 2024).
 
-For networks that start from random weights and have minutes: they leave the first plateau in far fewer steps than with
-AdamW. PyTorch's own Muon takes 2-D parameters only; these are convolutions.
+For networks that start from random weights and have few steps. PyTorch's own Muon takes 2-D parameters only; these are
+convolutions.
 """
 
 from __future__ import annotations
