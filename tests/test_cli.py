@@ -21,6 +21,7 @@ from coin3d.datasets.open import open_recording
 from coin3d.detectors import BEVDepthConfig
 from coin3d.geometry import save_rig
 from coin3d.priors import Projector
+from coin3d.rendering import Gaussians, save_gaussians
 from small_world import CONFIG, ring_rig
 from tiny_recording import write_recording
 
@@ -152,6 +153,21 @@ def test_detect_on_own_images(own_images: Path, checkpoint: str, tmp_path: Path,
         assert picture in told and cv2.imread(picture) is not None
     assert len(result(out)["pictures"]) == 4
     assert not list(out.rglob("*.part"))
+
+
+def test_detect_on_a_point_cloud(tiny_recording: Path, checkpoint: str, tmp_path: Path) -> None:
+    frame = open_recording(tiny_recording)[0]
+    floor = np.stack(np.meshgrid(np.arange(0, 30, 0.2), np.arange(-9, 9, 0.2), 0.0), axis=-1).reshape(-1, 3)
+    orange = np.tile(np.array([[250, 120, 20]], dtype=np.uint8), (len(floor), 1))
+    cloud = Gaussians(floor.astype(np.float32), np.full(len(floor), 0.1, np.float32), orange)
+    save_gaussians(tmp_path / "clouds" / frame.scene / f"{frame.token}.safetensors", cloud)
+    words = ["detect", checkpoint, str(tiny_recording), "--out", str(tmp_path / "out"), "--rerun", "--min-score", "0.99"]
+    assert cli.main([*words, "--gaussians", str(tmp_path / "clouds")]) == 0
+    pictures = [Path(p) for p in result(tmp_path / "out")["pictures"]]
+    (on_cloud,) = [p for p in pictures if p.name.endswith("_cloud.png")]
+    assert (cv2.imread(str(on_cloud)) == (20, 120, 250)).all(-1).mean() > 0.05
+    assert (tmp_path / "out" / "frames.rrd").stat().st_size > 10_000
+    assert cli.main([*words, "--gaussians", str(tmp_path / "none")]) == 2
 
 
 def test_detections_in_the_users_own_frame(own_images: Path, checkpoint: str, tmp_path: Path) -> None:

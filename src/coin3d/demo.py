@@ -1,4 +1,4 @@
-"""The demo: record the same worlds through two rigs, run the shipped detectors on both, report."""
+"""The demo: record the same worlds through two rigs, run the shipped detectors on both, render one world anew, report."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 from coin3d.datasets.classes import MERGED_CAR
 from coin3d.datasets.frame import Frame
 from coin3d.datasets.nuscenes_format import NuScenesRecording
+from coin3d.demo_views import novel_view_pictures
 from coin3d.evaluation import Report, filter_truth
 from coin3d.geometry import Boxes3D, preset_rig
 from coin3d.inference import SHIPPED, TOWN_ONLY, LoadedDetector, load
@@ -92,6 +93,7 @@ class _Tally:
     reports: list[tuple[str, str, Report]] = field(default_factory=list)
     pictures: list[Path] = field(default_factory=list)
     shown: list[Shown] = field(default_factory=list)
+    found_on_target: dict[str, dict[str, Boxes3D]] = field(default_factory=dict)
 
 
 def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = print) -> DemoOutcome:
@@ -121,6 +123,21 @@ def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = 
             tally.rows.append(result_row(detector, report, f"town-{SOURCE_RIG}", f"town-{rig}"))
             tally.reports.append((method, rig, report))
             _draw(tally, rig, method, frames, found, report, options)
+            if rig == TARGET_RIG:
+                tally.found_on_target[method] = {token: likely(boxes, options.min_score) for token, boxes in found.items()}
+    began = time.monotonic()
+    novel_views = novel_view_pictures(
+        _record_sweeps(out / "data" / "sweeps", options, progress),
+        frames,
+        tally.found_on_target,
+        lambda frame: _scored_truth(frame, report),
+        out,
+        width_px=options.width_px,
+        workers=_workers(options),
+        progress=progress,
+    )
+    tally.pictures += [novel_views.settings, novel_views.compared, novel_views.overview]
+    seconds["novel views"] = round(time.monotonic() - began, 1)
     source, target = (preset_rig(name, options.width_px) for name in (SOURCE_RIG, TARGET_RIG))
     difference = compare_rigs(source, target, out / "rigs")
     progress("\n" + rows_table(tally.rows))
@@ -132,6 +149,7 @@ def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = 
         worlds=options.worlds,
         min_score=options.min_score,
         shown=tally.shown,
+        novel_views=novel_views,
         prior_maps=out / "rigs" / "prior_maps.png",
         top_views=out / "rigs" / "top_view.png",
         difference=difference,
@@ -144,9 +162,25 @@ def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = 
 
 def _record(rig: str, folder: Path, options: DemoOptions, progress: Callable[[str], None]) -> list[Frame]:
     seeds = range(FIRST_SEED, FIRST_SEED + options.worlds)
-    workers = options.workers or os.cpu_count() or 1
-    record(preset_rig(rig, options.width_px), folder, seeds, key_frames=options.key_frames, workers=workers, progress=progress)
+    camera_rig = preset_rig(rig, options.width_px)
+    record(camera_rig, folder, seeds, key_frames=options.key_frames, workers=_workers(options), progress=progress)
     return list(NuScenesRecording(folder))
+
+
+def _record_sweeps(folder: Path, options: DemoOptions, progress: Callable[[str], None]) -> Path:
+    """The first world once more through the source rig, with all LiDAR sweeps: Gaussians are built from it."""
+    progress(f"rebuilding one world as Gaussians from the {SOURCE_RIG} rig")
+    rig = preset_rig(SOURCE_RIG, options.width_px)
+    return record(rig, folder, [FIRST_SEED], key_frames=options.key_frames, sweeps=True, progress=progress)
+
+
+def _workers(options: DemoOptions) -> int:
+    return options.workers or os.cpu_count() or 1
+
+
+def _scored_truth(frame: Frame, report: Report) -> Boxes3D:
+    assert frame.boxes is not None
+    return filter_truth(MERGED_CAR.apply(frame.boxes), frame.rig, report.protocol)
 
 
 def _draw(
@@ -161,8 +195,7 @@ def _draw(
     for place in range(options.shown):
         # the middle of each of as many parts
         frame = frames[(2 * place + 1) * len(frames) // (2 * options.shown)]
-        assert frame.boxes is not None
-        truth = filter_truth(MERGED_CAR.apply(frame.boxes), frame.rig, report.protocol)
+        truth = _scored_truth(frame, report)
         predictions = likely(found[frame.token], options.min_score)
         title = f"{method} on the {rig} rig, {frame.scene}"
         pictures = frame_pictures(frame, predictions, truth, title=title, width_px=1500)

@@ -270,3 +270,20 @@ def test_limits_of_a_centred_camera_are_the_usual_ones() -> None:
     tangent = 8 / 20, 6 / 20
     assert (limits.x_min, limits.x_max) == pytest.approx((-1.3 * tangent[0], 1.3 * tangent[0]))
     assert (limits.y_min, limits.y_max) == pytest.approx((-1.3 * tangent[1], 1.3 * tangent[1]))
+
+
+def test_ten_million_splats() -> None:
+    rng = np.random.default_rng(0)
+    n, camera = 10_000_000, front_camera(320, 240, 300)
+    depth_m = rng.uniform(20, 60, n).astype(np.float32)
+    slope = rng.uniform(-0.6, 0.6, (2, n)).astype(np.float32)
+    rgb = np.zeros((n, 3), np.uint8)
+    rgb[:, 0] = np.where(depth_m < 30, 250, 40)
+    crowd = Gaussians(np.stack([*(slope * depth_m), depth_m], axis=1), np.full(n, 0.1, np.float32), rgb)
+    (alone,) = render(crowd, [camera], threads=2)
+    assert (alone.alpha > 0.99).all() and (alone.rgb[..., 1:] == 0).all()
+    assert alone.depth_m.min() > 20 and alone.depth_m.max() < 30, "a pixel has thousands of splats; near ones cover far ones"
+    assert alone.rgb[..., 0].min() > 240
+    door = scene([((0, 0, 5), 50.0, (0, 0, 200))])
+    (closed,) = render(Gaussians.concatenate([crowd, door]), [camera], threads=2)
+    assert (closed.rgb[..., 2] > 190).all() and closed.depth_m.max() < 5.3

@@ -77,11 +77,12 @@ def test_the_verb_writes_a_sheet_and_every_image(scene: Path, tmp_path: Path, ca
     out = tmp_path / "views"
     assert main(["render", str(scene), "--out", str(out)]) == 2
     assert "--rig" in capsys.readouterr().err
-    assert main(["render", str(scene), "--rig", "waymo", "--width", "64", "--out", str(out)]) == 0
+    assert main(["render", str(scene), "--rig", "waymo", "--width", "64", "--rerun", "--out", str(out)]) == 0
     result = json.loads((out / "result.json").read_text())
     assert len(result["empty_below_horizon"]) == 4 and len(result["pictures"]) == 1 + 5 + 6 + 5 + 5
     for picture in result["pictures"]:
         assert cv2.imread(picture) is not None
+    assert (out / "views.rrd").stat().st_size > 1_000 and not list(out.rglob("*.part"))
     front = cv2.imread(str(out / "raw" / "FRONT.png"))
     assert front.shape[1] == 64
     assert (front[-1] == (20, 120, 250)).all(1).mean() > 0.9  # the floor, through a camera that was never there

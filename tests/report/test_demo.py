@@ -37,8 +37,9 @@ def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
     assert cli.main(["demo", "--out", str(out)]) == 0
     told = capsys.readouterr().out
 
-    (source, seeds), (target, same_seeds) = recorded
+    (source, seeds), (target, same_seeds), (rebuilt, one_seed) = recorded
     assert (source, target) == ("nuscenes", "waymo") and seeds == same_seeds == [10_000, 10_001]
+    assert rebuilt == source and one_seed == seeds[:1]
     result = json.loads((out / "result.json").read_text())
     assert [(row["method"], row["source"], row["target"]) for row in result["rows"]] == [
         ("direct", "town-nuscenes", "town-nuscenes"),
@@ -54,6 +55,6 @@ def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
     assert fetched(report) == []
     report = html.unescape(report)
     assert result["protocol"] in report and TOWN_ONLY in report
-    # cameras and top view of one frame for two methods on two rigs, prior maps, positions
-    assert report.count("<img ") == 2 * 2 * 2 + 2
+    # cameras and top view of one frame for two methods on two rigs, three of novel views, prior maps, positions
+    assert report.count("<img ") == 2 * 2 * 2 + 3 + 2
     assert all(Path(picture).is_file() for picture in result["pictures"])

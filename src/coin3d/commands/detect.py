@@ -24,6 +24,8 @@ def detect(
     frames: int = 0,
     pictures: int = 40,
     min_score: float = 0.25,
+    gaussians: Path | None = None,
+    rerun: bool = False,
     device: str = "auto",
 ) -> None:
     """Find objects in a recording: your own images beside a rig.yaml, or nuScenes-format tables. Labels are not needed.
@@ -44,14 +46,23 @@ def detect(
         frames: look at this many frames, evenly spread; 0 means all.
         pictures: draw this many of them, evenly spread; 0 means all.
         min_score: draw boxes with at least this score; detections.json has all of them.
+        gaussians: folder that build-scenes wrote for this recording: boxes are drawn on the point cloud as well.
+        rerun: also write frames.rrd with the frames that are drawn, for the Rerun viewer.
         device: auto, cpu, cuda, cuda:1 ...
     """
+    from contextlib import ExitStack
+
     from coin3d.datasets.open import open_recording
+    from coin3d.drawing.sheet import save_png
     from coin3d.inference import load
     from coin3d.records import write_json
-    from coin3d.report.pictures import frame_pictures, likely
+    from coin3d.rendering.gaussian_folder import GaussianFolder
+    from coin3d.report.overview import overview
+    from coin3d.report.pictures import file_name, frame_pictures, likely
+    from coin3d.report.rerun_file import RerunFile
 
     detector = load(checkpoint, device)
+    clouds = GaussianFolder.open(gaussians) if gaussians is not None else None
     source = open_recording(recording)
     chosen = [source[i] for i in spread(len(source), frames)]
     print(detector.note)
@@ -60,11 +71,19 @@ def detect(
     seconds = time.monotonic() - began
     write_json(out / DETECTIONS_FILE, _detections(chosen, found, detector.note))
     drawn: list[Path] = []
-    for i in spread(len(chosen), pictures):
-        frame = chosen[i]
-        shown = likely(found[frame.token], min_score)
-        title = f"{frame.token}   {len(shown)} boxes with score >= {min_score:g}, of {len(found[frame.token])}"
-        drawn += frame_pictures(frame, shown, title=title).save(out / "pictures", frame.token)
+    with ExitStack() as files:
+        viewer = files.enter_context(RerunFile(out / "frames.rrd")) if rerun else None
+        for i in spread(len(chosen), pictures):
+            frame = chosen[i]
+            shown = likely(found[frame.token], min_score)
+            title = f"{frame.token}   {len(shown)} boxes with score >= {min_score:g}, of {len(found[frame.token])}"
+            drawn += frame_pictures(frame, shown, title=title).save(out / "pictures", frame.token)
+            cloud = clouds.load(frame.scene, frame.token) if clouds else None
+            if cloud is not None:
+                on_cloud = overview(cloud, {str(detector.description["method"]): shown}, title=title)
+                drawn.append(save_png(on_cloud, out / "pictures" / f"{file_name(frame.token)}_cloud.png"))
+            if viewer:
+                viewer.log(frame.rig, {name: frame.image(name) for name in frame.rig}, cloud, predictions=shown)
     total = sum(map(len, found.values()))
     likely_total = sum(len(likely(boxes, min_score)) for boxes in found.values())
     print(f"{len(chosen)} frames in {seconds:.1f} s: {total} boxes, {likely_total} of them with score >= {min_score:g}")

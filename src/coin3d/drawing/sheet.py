@@ -12,6 +12,7 @@ from jaxtyping import UInt8
 
 from coin3d.drawing.colours import BACKGROUND, FAINT, RGB, TEXT, class_colour
 from coin3d.drawing.text import put_text, shortened, text_size
+from coin3d.records import write_bytes
 
 _GAP = 8
 _CAPTION = 26
@@ -77,10 +78,7 @@ def save_png(image: UInt8[np.ndarray, "h w 3"], path: Path) -> Path:
     encoded, data = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     if not encoded:
         raise ValueError(f"{path}: an image of shape {image.shape} cannot be encoded as PNG")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(data.tobytes())
-    partial.replace(path)
+    write_bytes(path, data.tobytes())
     return path
 
 

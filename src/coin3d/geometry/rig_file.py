@@ -12,6 +12,7 @@ from coin3d.geometry.camera import Camera
 from coin3d.geometry.ground import GroundPlane
 from coin3d.geometry.pose import Pose, camera_pose
 from coin3d.geometry.rig import Rig
+from coin3d.records import write_bytes
 
 _RIG_KEYS = {"name", "cameras", "pixel_origin", "ground", "ego_from_vehicle"}
 _CAMERA_KEYS = {
@@ -41,10 +42,7 @@ def load_rig(path: Path | str) -> Rig:
 
 def save_rig(rig: Rig, path: Path | str) -> None:
     """Write a rig file that ``load_rig`` reads back exactly."""
-    path = Path(path)
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(yaml.safe_dump(rig_to_dict(rig), sort_keys=False), encoding="utf-8")
-    partial.replace(path)
+    write_bytes(Path(path), yaml.safe_dump(rig_to_dict(rig), sort_keys=False).encode())
 
 
 def rig_from_dict(data: Any, default_name: str = "rig") -> Rig:

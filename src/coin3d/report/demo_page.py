@@ -35,6 +35,21 @@ class Shown:
 
 
 @dataclass(frozen=True, eq=False)
+class NovelViewPictures:
+    """Three pictures of one instant.
+
+    Args:
+        settings: the source rig as it is, with full overlap, higher and lower.
+        compared: the target rig, recorded and rendered.
+        overview: what each method found through the target rig, on the point cloud.
+    """
+
+    settings: Path
+    compared: Path
+    overview: Path
+
+
+@dataclass(frozen=True, eq=False)
 class DemoPage:
     """Everything the report shows.
 
@@ -45,6 +60,7 @@ class DemoPage:
         worlds: from how many worlds.
         min_score: predictions below are not drawn.
         shown: pictures of some frames.
+        novel_views: one instant rebuilt as Gaussians.
         prior_maps: picture of the prior maps of both rigs.
         top_views: picture of where the cameras sit.
         difference: both rigs in words and numbers.
@@ -58,6 +74,7 @@ class DemoPage:
     worlds: int
     min_score: float
     shown: Sequence[Shown]
+    novel_views: NovelViewPictures
     prior_maps: Path
     top_views: Path
     difference: str
@@ -67,7 +84,8 @@ class DemoPage:
 
 def demo_page(content: DemoPage) -> str:
     """The report as one HTML file."""
-    return page(TITLE, [*_head(content), *_numbers(content), *_pictures(content), *_rigs(content), *_making(content)])
+    parts = [_head, _numbers, _pictures, _novel_views, _rigs, _making]
+    return page(TITLE, [line for part in parts for line in part(content)])
 
 
 def _head(content: DemoPage) -> list[str]:
@@ -124,6 +142,21 @@ def _pictures(content: DemoPage) -> list[str]:
             cameras = figure(shown.pictures.cameras, f"{shown.method} on the {rig} rig")
             parts.append(f'<div class="pair">{cameras}{figure(shown.pictures.above, f"{shown.method}, from above")}</div>')
     return parts
+
+
+def _novel_views(content: DemoPage) -> list[str]:
+    source, target = dict.fromkeys(rig for _, rig, _ in content.reports)
+    views = content.novel_views
+    return [
+        "<h2>Novel views</h2>",
+        paragraph(
+            f"One frame as 3D Gaussians, built without training from the images and LiDAR sweeps of the {source} rig. Rendered "
+            "through other rigs they are the training data of CoIn3D's augmentation. What no camera saw stays black."
+        ),
+        figure(read_image(views.settings), f"the {source} rig as it is, with full overlap, 1 m higher and 1 m lower"),
+        figure(read_image(views.compared), f"the {target} rig: recorded above, rendered from the other rig's images below"),
+        figure(read_image(views.overview), f"truth, and what each method found through the {target} rig"),
+    ]
 
 
 def _rigs(content: DemoPage) -> list[str]:

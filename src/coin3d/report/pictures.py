@@ -31,9 +31,14 @@ class FramePictures:
     above: UInt8[np.ndarray, "s s 3"]
 
     def save(self, folder: Path, name: str) -> list[Path]:
-        """Write both as PNG; characters of the name that do not belong in a file name become underscores."""
-        name = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
+        """Write both as PNG."""
+        name = file_name(name)
         return [save_png(self.cameras, folder / f"{name}_cameras.png"), save_png(self.above, folder / f"{name}_top.png")]
+
+
+def file_name(token: str) -> str:
+    """A token as a file name: characters that do not belong in one become underscores."""
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in token)
 
 
 def frame_pictures(

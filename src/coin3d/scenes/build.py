@@ -161,8 +161,9 @@ def _build_scene(job: SceneJob, pool: Executor, clock: _Clock) -> SceneResult:
     """All steps of a scene; within a step its frames are worked on at the same time."""
     job.files.folder.mkdir(parents=True, exist_ok=True)
     save_rig(job.frames[0].rig, job.files.folder / RIG_FILE)
-    if all(_finished(job, i) for i in range(len(job.frames))):
+    if job.files.picture.is_file() and all(_finished(job, i) for i in range(len(job.frames))):
         clock.skip(len(job.frames))
+        _drop_what_only_the_build_needs(job)  # a build that was killed while doing so is finished all the same
         return _result(job)
     clock.add(pool.submit(fuse_scene, job).result())
     # every frame's depth, also of finished ones: others take colours from it
@@ -170,9 +171,13 @@ def _build_scene(job: SceneJob, pool: Executor, clock: _Clock) -> SceneResult:
     clock.add(pool.submit(model, job).result())
     _for_all_frames(assemble, job, pool, clock)
     clock.add(pool.submit(draw_scene, job).result())
+    _drop_what_only_the_build_needs(job)
+    return _result(job)
+
+
+def _drop_what_only_the_build_needs(job: SceneJob) -> None:
     if not job.options.keep_depth:
         job.files.drop_depth()
-    return _result(job)
 
 
 def _for_all_frames(step: Callable[[SceneJob, int], Seconds], job: SceneJob, pool: Executor, clock: _Clock) -> None:
