@@ -34,7 +34,7 @@ from coin3d.training.checkpoint import load_checkpoint, save_checkpoint
 from coin3d.training.loop import LOG_FILE
 from coin3d.training.options import TrainOptions
 from coin3d.training.predict import predict, score_frames
-from coin3d.training.run_dir import environment, fingerprint
+from coin3d.training.run_dir import environment
 from coin3d.training.train import RUN_FILE, train
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -103,7 +103,7 @@ def run_row(name: str, work: Path, seed: int, steps: int | None, suffix: str = "
         )  # fmt: skip
     # from the run's own files: it may have been trained by an earlier call
     log = [json.loads(line) for line in (out / LOG_FILE).read_text(encoding="utf-8").splitlines()]
-    trained_at = json.loads((out / RUN_FILE).read_text(encoding="utf-8"))["git"]
+    run = json.loads((out / RUN_FILE).read_text(encoding="utf-8"))
     model, _ = load_checkpoint(weights)
     protocol = Protocol("merged car", classes=MERGED_CAR.classes)
     rows = []
@@ -119,7 +119,7 @@ def run_row(name: str, work: Path, seed: int, steps: int | None, suffix: str = "
         "seconds_per_step_median": round(median(step["seconds"] for step in log), 3),
         "data_wait_seconds_per_step_mean": round(sum(step["data_seconds"] for step in log) / len(log), 4),
     }
-    data_facts = {"train_frames": len(open_recording(data)), "data_fingerprint": fingerprint([data]), "git": trained_at}
+    data_facts = {"train_frames": len(open_recording(data)), **{key: run[key] for key in ("data_fingerprint", "git")}}
     write_json(RESULTS / f"{name}{suffix}_seed{seed}.json", {"rows": rows, **facts, **data_facts, **environment()})
     return weights
 
