@@ -1,17 +1,19 @@
 """From a recording to files: complete, the same each time, and resumed wherever it stopped."""
 
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from coin3d.datasets.frame import Frame
 from coin3d.datasets.open import open_recording
-from coin3d.rendering import load_gaussians
+from coin3d.rendering import load_gaussians, render
 from coin3d.scenes.build import BuildOutcome, build_scenes
 from coin3d.scenes.options import BuildOptions
 from tiny_recording import write_recording
@@ -137,3 +139,38 @@ def test_a_damaged_file_is_named(recording: Path, tmp_path: Path) -> None:
     (tmp_path / SCENE / "objects.safetensors").unlink()
     with pytest.raises(ValueError, match=r"sample0.0.safetensors: cannot be read"):
         build(recording, tmp_path, keep_depth=True)
+
+
+def test_the_own_vehicle_is_no_part_of_the_scene(recording: Path, tmp_path: Path) -> None:
+    """A bonnet, painted green, at the bottom of the front camera: with a mask the street goes on where it was."""
+
+    def with_bonnet(frame: Frame, masked: bool) -> Frame:
+        image, mask = frame.image("CAM_FRONT").copy(), np.zeros((64, 96), np.uint8)
+        image[48:, 20:70], mask[48:, 20:70] = (0, 255, 0), 1
+        own_vehicle = {"CAM_FRONT": mask} if masked else {}
+        return replace(frame, images={**frame.images, "CAM_FRONT": image}, own_vehicle=own_vehicle)
+
+    greens = {}
+    for masked in (True, False):
+        frames = [with_bonnet(frame, masked) for frame in open_recording(recording)]
+        outcome = build_scenes(Changed(frames), tmp_path / str(masked), progress=lambda line: None)
+        gaussians = load_gaussians(tmp_path / str(masked) / SCENE / "sample0.0.safetensors")
+        greens[masked] = int(((gaussians.rgb[:, 1] > 200) & (gaussians.rgb[:, 0] < 60)).sum())
+        assert outcome.frames[0].empty_below_horizon < 0.02
+        if masked:
+            (front,) = render(gaussians, [frames[0].rig["CAM_FRONT"]])
+            assert (front.alpha[48:, 20:70] > 0.5).mean() > 0.9
+    assert greens[False] > 700 and greens[True] == 0
+
+
+def test_masks_are_found_beside_a_recording(recording: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(recording, tmp_path / "tiny")
+    (copy / "own_vehicle").mkdir()
+    mask = np.zeros((64, 96), np.uint8)
+    mask[60:] = 255
+    cv2.imwrite(str(copy / "own_vehicle" / "CAM_BACK.png"), mask)
+    frame = open_recording(copy)[0]
+    assert frame.own_vehicle_mask("CAM_BACK").sum() == 4 * 96 and not frame.own_vehicle_mask("CAM_FRONT").any()
+    cv2.imwrite(str(copy / "own_vehicle" / "CAM_BACK.png"), mask[:10])
+    with pytest.raises(ValueError, match=r"own vehicle .*CAM_BACK.png is 96 x 10 pixels but the rig says 96 x 64"):
+        frame.own_vehicle_mask("CAM_BACK")

@@ -12,6 +12,7 @@ from coin3d.datasets.dgp_files import Calibration, PointCloudFile, field, read_b
 from coin3d.datasets.dgp_scene import Datum, DgpSample, DgpScene
 from coin3d.datasets.frame import Frame
 from coin3d.datasets.ground_fit import fit_ground
+from coin3d.datasets.own_vehicle import own_vehicle_masks
 from coin3d.geometry import Boxes3D, Camera, GroundPlane, Pose, Rig
 
 _MAX_VELOCITY_GAP_S = 1.5
@@ -71,6 +72,7 @@ class DgpRecording:
             scene=scene.name,
             previous=neighbours[place],
             next=neighbours[place + 2],
+            own_vehicle=own_vehicle_masks(self.root, (d.name for d in sample.cameras)),
         )
 
     def _rig(self, scene: DgpScene, sample: DgpSample, calibration: Calibration, world_from_ego: Pose) -> Rig:

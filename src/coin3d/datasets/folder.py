@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from coin3d.datasets.frame import Frame
+from coin3d.datasets.own_vehicle import own_vehicle_masks
 from coin3d.geometry import load_rig
 
 RIG_FILE = "rig.yaml"
@@ -64,6 +65,7 @@ class FolderRecording:
             scene=self.root.name,
             previous=neighbours[index],
             next=neighbours[index + 2],
+            own_vehicle=own_vehicle_masks(self.root, self.rig),
         )
 
 

@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from coin3d.geometry import Boxes3D, Pose, Rig
 
@@ -61,6 +61,7 @@ class Frame:
         scene: name of the sequence.
         previous: token of the frame before in the same scene, or "".
         next: token of the frame after in the same scene, or "".
+        own_vehicle: camera name -> mask of the pixels that show the vehicle itself, not black there; for any of the cameras.
     """
 
     token: str
@@ -73,6 +74,7 @@ class Frame:
     scene: str = ""
     previous: str = ""
     next: str = ""
+    own_vehicle: Mapping[str, ImageSource] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if list(self.images) != list(self.rig):
@@ -89,12 +91,25 @@ class Frame:
         Raises:
             ValueError: the file is missing or truncated, or its size contradicts the rig.
         """
-        source = self.images[camera]
+        return self._pixels(camera, self.images[camera], "image")
+
+    def own_vehicle_mask(self, camera: str) -> Bool[np.ndarray, "h w"]:
+        """Where a camera sees the vehicle that carries it; nowhere if nobody says.
+
+        Raises:
+            ValueError: the mask is damaged, or its size contradicts the rig.
+        """
+        if camera not in self.own_vehicle:
+            return np.zeros((self.rig[camera].height_px, self.rig[camera].width_px), dtype=bool)
+        mask = self._pixels(camera, self.own_vehicle[camera], "mask of the own vehicle")
+        return np.asarray(mask.any(-1) if mask.ndim == 3 else mask != 0)
+
+    def _pixels(self, camera: str, source: ImageSource, what: str) -> np.ndarray:
         pixels = source if isinstance(source, np.ndarray) else read_image(source)
         expected = (self.rig[camera].height_px, self.rig[camera].width_px)
         if pixels.shape[:2] != expected:
             raise ValueError(
-                f"frame {self.token}, {camera}: the image {'' if isinstance(source, np.ndarray) else source} is "
+                f"frame {self.token}, {camera}: the {what} {'' if isinstance(source, np.ndarray) else source} is "
                 f"{pixels.shape[1]} x {pixels.shape[0]} pixels but the rig says {expected[1]} x {expected[0]}; "
                 "correct 'size' (and K) in the calibration"
             )

@@ -13,6 +13,7 @@ from coin3d.datasets.frame import Frame
 from coin3d.datasets.json_table import Row, Table
 from coin3d.datasets.lidar_file import LidarFile
 from coin3d.datasets.nuscenes_tables import find_version_folder, read_tables
+from coin3d.datasets.own_vehicle import own_vehicle_masks
 from coin3d.geometry import Boxes3D, Camera, Pose, Rig
 
 _MAX_VELOCITY_GAP_S = 1.5
@@ -89,6 +90,7 @@ class NuScenesRecording:
             scene=self._scene_name(sample),
             previous=previous,
             next=following,
+            own_vehicle=own_vehicle_masks(self.root, cameras),
         )
 
     def frame_by_token(self, token: str) -> Frame:

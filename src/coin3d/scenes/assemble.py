@@ -13,7 +13,7 @@ from coin3d.geometry import Camera, GroundPlane
 from coin3d.rendering import Gaussians
 from coin3d.scenes.back_layer import BackLayer
 from coin3d.scenes.render_depth import BACKGROUND
-from coin3d.scenes.seen_view import FROM_SKY, SeenView
+from coin3d.scenes.seen_view import FROM_SKY, OWN_VEHICLE, SeenView
 
 _TILE = 16
 _BACK_PX = 0.5
@@ -110,7 +110,7 @@ def view_gaussians(
     std = np.where(view.source == FROM_SKY, radii.sky_px * pixel_m, radii.bounded(std, pixel_m))
     mixed = background & _touches(~background)
     order = tile_order(*view.depth_m.shape)
-    seen, pixel = _flat(points, std, view.rgb, ~mixed & ~wrong, order)
+    seen, pixel = _flat(points, std, view.rgb, ~mixed & ~wrong & (view.box != OWN_VEHICLE), order)
     behind = []
     for number, layer in enumerate(layers):
         # it is only ever seen magnified, so it has at least half a pixel

@@ -11,14 +11,14 @@ from jaxtyping import UInt8
 from coin3d.geometry import GroundPlane
 from coin3d.rendering import Gaussians, render
 from coin3d.scenes.ground import plane_depth
-from coin3d.scenes.seen_view import FROM_COMPLETION, FROM_LIDAR, FROM_MESH, FROM_SKY, SeenView
+from coin3d.scenes.seen_view import FROM_COMPLETION, FROM_LIDAR, FROM_MESH, FROM_SKY, OF_OWN_VEHICLE, SeenView
 
 _EMPTY_ALPHA = 0.5
 
 
 @dataclass(frozen=True)
 class FrameQuality:
-    """Figures of one frame; shares are of all pixels of its images.
+    """Figures of one frame; shares are of all pixels of its images. The own vehicle is left out of the last three.
 
     Args:
         token: of the frame.
@@ -47,9 +47,11 @@ def frame_quality(token: str, gaussians: Gaussians, views: Sequence[SeenView], g
     """Render the frame's own cameras and count."""
     source = np.concatenate([view.source.reshape(-1) for view in views])
     below = np.concatenate([np.isfinite(plane_depth(view.camera, ground)).reshape(-1) for view in views])
+    below &= source != OF_OWN_VEHICLE
     rendered = render(gaussians, [view.camera for view in views])
     alpha = np.concatenate([image.alpha.reshape(-1) for image in rendered])
-    psnr_db = [_psnr_db(image.rgb, view.rgb) for image, view in zip(rendered, views, strict=True)]
+    scene = [view.source != OF_OWN_VEHICLE for view in views]
+    psnr_db = [_psnr_db(image.rgb[s], v.rgb[s]) for image, v, s in zip(rendered, views, scene, strict=True) if s.any()]
     measured = (source == FROM_MESH) | (source == FROM_LIDAR)
 
     def share(kind: int) -> float:
@@ -63,11 +65,11 @@ def frame_quality(token: str, gaussians: Gaussians, views: Sequence[SeenView], g
         completed=share(FROM_COMPLETION),
         sky=share(FROM_SKY),
         known_below_horizon=round(float(measured[below].mean()), 5) if below.any() else 0.0,
-        psnr_db=round(float(np.mean(psnr_db)), 3),
+        psnr_db=round(float(np.mean(psnr_db)), 3) if psnr_db else 0.0,
         empty_below_horizon=round(float((alpha[below] < _EMPTY_ALPHA).mean()), 5) if below.any() else 0.0,
     )
 
 
-def _psnr_db(rendered: UInt8[np.ndarray, "h w 3"], image: UInt8[np.ndarray, "h w 3"]) -> float:
+def _psnr_db(rendered: UInt8[np.ndarray, "n 3"], image: UInt8[np.ndarray, "n 3"]) -> float:
     error = np.square(rendered.astype(np.float32) - image).mean()
     return float(10 * np.log10(255**2 / max(float(error), 1e-6)))

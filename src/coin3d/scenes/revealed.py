@@ -16,7 +16,7 @@ from coin3d.scenes.completion import DepthCompletion
 from coin3d.scenes.ground import plane_depth
 from coin3d.scenes.inpainting import Inpainting
 from coin3d.scenes.render_depth import BACKGROUND
-from coin3d.scenes.seen_view import FROM_SKY, SeenView
+from coin3d.scenes.seen_view import FROM_SKY, OWN_VEHICLE, SeenView
 from coin3d.scenes.sky import SKY_DEPTH_M, find_sky
 from coin3d.scenes.steep_pixels import snap_steep
 from coin3d.scenes.views import pixel_rays_ego
@@ -32,7 +32,8 @@ def hidden_background(
     """The background behind the objects of a view.
 
     Depth: that of the background mesh, which other sweeps saw; where it has a hole, the background around the object is
-    completed across, and nothing lies under the plane through the bottom of the object's box.
+    completed across, and nothing lies under the plane through the bottom of the object's box. The own vehicle is such an
+    object, on the ground.
     """
     mask = view.near_object
     if not mask.any():
@@ -44,7 +45,7 @@ def hidden_background(
     depth_m = np.asarray(completion(rgb, known_m, sky, view.camera, ground))
     bottoms_m = np.full(mask.shape, np.inf)
     for row in np.unique(view.box[view.box != BACKGROUND]):
-        plane = _bottom_plane(frame, int(row))
+        plane = ground if row == OWN_VEHICLE else _bottom_plane(frame, int(row))
         inside = view.box == row
         bottoms_m[inside] = plane_depth(view.camera, plane)[inside]
     depth_m = np.where(known_m > 0, known_m, np.minimum(depth_m, bottoms_m))

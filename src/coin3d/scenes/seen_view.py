@@ -19,8 +19,13 @@ from coin3d.scenes.sky import SKY_DEPTH_M, find_sky
 from coin3d.scenes.steep_pixels import snap_steep
 from coin3d.scenes.views import View, load_views
 
-FROM_COMPLETION, FROM_MESH, FROM_LIDAR, FROM_SKY = 0, 1, 2, 3
+FROM_COMPLETION, FROM_MESH, FROM_LIDAR, FROM_SKY, OF_OWN_VEHICLE = 0, 1, 2, 3, 4
 """Where a pixel's depth comes from."""
+
+OWN_VEHICLE = -2
+"""In place of the row of a box: pixels of the vehicle itself, which is no part of the scene. Its depth only says: near."""
+
+_OWN_VEHICLE_M = 0.3
 
 _RIM_SHARE = 0.1
 _MIN_RIM_PX = 2
@@ -40,7 +45,7 @@ class SeenView:
         rgb: (h, w, 3).
         depth_m: (h, w) positive depth along the optical axis.
         source: (h, w) which of ``FROM_MESH`` and its like the depth is.
-        box: (h, w) row of the frame's boxes whose object is seen, -1 for the background.
+        box: (h, w) row of the frame's boxes whose object is seen, -1 for the background, ``OWN_VEHICLE``.
         behind_m: (h, w) depth of the background mesh alone, 0 where it has none.
     """
 
@@ -102,4 +107,7 @@ def _see(
     trimmed = trim_silhouettes(view.rgb, depth_m, source == FROM_MESH, exact, view.camera.focal_px, OVERHANG_M)
     source[trimmed.moved] = FROM_COMPLETION
     box = np.where(trimmed.moved, np.int32(BACKGROUND), mesh.box)
-    return SeenView(view.name, view.camera, view.rgb, trimmed.depth_m, source, box, mesh.background_m)
+    source[view.own_vehicle] = OF_OWN_VEHICLE
+    box = np.where(view.own_vehicle, np.int32(OWN_VEHICLE), box)
+    depth_m = np.where(view.own_vehicle, np.float32(_OWN_VEHICLE_M), trimmed.depth_m)
+    return SeenView(view.name, view.camera, view.rgb, depth_m, source, box, mesh.background_m)

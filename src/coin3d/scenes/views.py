@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from coin3d.datasets.frame import Frame
 from coin3d.geometry import Camera, fit_width
@@ -22,16 +22,21 @@ class View:
         name: of the camera in its rig.
         camera: in the ego frame of the key frame.
         rgb: (h, w, 3).
+        own_vehicle: (h, w) pixels that show the vehicle itself.
     """
 
     name: str
     camera: Camera
     rgb: UInt8[np.ndarray, "h w 3"]
+    own_vehicle: Bool[np.ndarray, "h w"]
 
 
 def load_views(frame: Frame, width_px: int = PAPER_WIDTH_PX) -> list[View]:
     """All images of a frame, shrunk to ``width_px`` where they are wider (never enlarged), in the order of the rig."""
-    return [View(name, shrink(camera, width_px), _image(frame, name, camera, width_px)) for name, camera in frame.rig.items()]
+    return [
+        View(name, shrink(camera, width_px), _image(frame, name, camera, width_px), _own_vehicle(frame, name, camera, width_px))
+        for name, camera in frame.rig.items()
+    ]
 
 
 def shrink(camera: Camera, width_px: int) -> Camera:
@@ -47,6 +52,12 @@ def pixel_rays_ego(camera: Camera) -> Float[np.ndarray, "h w 3"]:
 
 def _image(frame: Frame, name: str, camera: Camera, width_px: int) -> UInt8[np.ndarray, "h w 3"]:
     return fit_width(camera, *_size(camera, width_px)).image(frame.image(name))
+
+
+def _own_vehicle(frame: Frame, name: str, camera: Camera, width_px: int) -> Bool[np.ndarray, "h w"]:
+    """Also pixels that show it in part."""
+    mask = frame.own_vehicle_mask(name).astype(np.uint8) * 255
+    return fit_width(camera, *_size(camera, width_px)).image(np.repeat(mask[..., None], 3, axis=2))[..., 0] > 0
 
 
 def _size(camera: Camera, width_px: int) -> tuple[int, int]:
