@@ -166,11 +166,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="other than the preset's")
     parser.add_argument("--long", action="store_true", help=f"{LONG_STEPS} steps, results marked so")
     parser.add_argument("--ship", action="store_true", help="store the weights the demo uses")
-    parser.add_argument("--table", action="store_true", help="only print README's tables from the results on disk")
     arguments = parser.parse_args()
-    if arguments.table:
-        print(f"{markdown()}\n\n{markdown(suffix='_long')}")
-        return
     suffix, steps = ("_long", LONG_STEPS) if arguments.long else ("", arguments.steps)
     for name in arguments.rows or (LONG_ROWS if arguments.long else ROWS):
         weights = run_row(name, arguments.work, arguments.seed, steps, suffix)

@@ -1,0 +1,129 @@
+"""Every table of README and docs/results.md, from the figures in results/.
+
+    python benchmarks/tables.py
+
+writes them anew between their marks, ``<!-- table NAME -->`` and ``<!-- end -->``; a test finds tables that are not up to date.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import town_transfer
+
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
+
+
+def figures(name: str) -> Any:
+    return json.loads((RESULTS / name).read_text(encoding="utf-8"))
+
+
+def transfer() -> str:
+    """Preset tiny, every row."""
+    return town_transfer.markdown()
+
+
+def transfer_long() -> str:
+    """The headline rows with twice the steps."""
+    return town_transfer.markdown(suffix="_long")
+
+
+def novel_views() -> str:
+    """Rendered against true views."""
+    rows = [
+        [
+            setting,
+            f"{row['psnr_db']:.1f}",
+            f"{row['psnr_covered_db']:.1f}",
+            f"{row['ssim']:.3f}",
+            f"{row['depth_error']:.2%}",
+            f"{row['empty_below_horizon']:.2%}",
+        ]
+        for setting, row in figures("novel_views.json")["settings"].items()
+    ]
+    header = ["rendered as", "PSNR, dB", "PSNR of covered pixels, dB", "SSIM", "depth error", "empty below horizon"]
+    return table(header, rows)
+
+
+def mesh_depth() -> str:
+    """Depth of meshes and of completed holes against the truth."""
+    f = figures("novel_views.json")["depth"]
+    rows = [
+        ["pixels on meshes", f"{f['mesh_error_median_m']:.3f} m", f"{f['mesh_error_p90_m']:.3f} m"],
+        ["completed holes", f"{f['hole_error_median_relative']:.1%}", f"{f['hole_error_p90_relative']:.1%}"],
+    ]
+    return table(["depth of", "median error", "90 % of errors below"], rows)
+
+
+def real() -> str:
+    """Frames of real recordings."""
+    rows = []
+    for name, title in (("nuscenes_one_frame", "nuScenes, 1 frame"), ("ddad_three_frames", "DDAD, 3 frames")):
+        f = figures("real_views.json")[name]
+        empty = list(f["empty_below_horizon"].values())
+        later = f"{f['next_frame']['psnr_covered_db_median']:.1f}" if "next_frame" in f else ""
+        rows.append([title, f"{median(f['psnr_db']):.1f}", *(f"{share:.1%}" for share in empty), later])
+    header = ["recording", "own images, dB", "empty: raw", "full overlap", "height +1 m", "height -1 m", "next frame, dB"]
+    return table(header, rows)
+
+
+def renderer() -> str:
+    """Images per second and the ratio to plain torch, both on two threads."""
+    found = figures("benchmarks/render.json")["rows"]
+    times = {(row["views"], row["renderer"]): row["wall_ms"] for row in found if row["threads"] == 2}
+    rows = []
+    for views in dict.fromkeys(views for views, _ in times):
+        for kind in ("avx512", "avx2", "baseline", "torch"):
+            if (views, kind) in times:
+                ms = times[views, kind]
+                ratio = "" if kind == "torch" else f"{times[views, 'torch'] / ms:.0f} times"
+                rows.append([f"{views}-like", kind, f"{ms:.1f}", f"{1e3 / ms:.1f}", ratio])
+    return table(["views of the rig", "code", "ms per image", "images/s", "as fast as torch"], rows)
+
+
+def fusion() -> str:
+    """LiDAR fusion."""
+    rows = [
+        [row["way"], row["threads"], f"{row['million_points_per_s']:.1f}"] for row in figures("benchmarks/tsdf.json")["rows"]
+    ]
+    return table(["code", "threads", "million points/s"], rows)
+
+
+def building() -> str:
+    """One scene, from files to files."""
+    f = figures("benchmarks/build_scene.json")
+    header = ["key frames", "cameras", "image width", "processes", "seconds", "peak memory", "per frame on disk"]
+    row = [f["key_frames"], f["cameras"], f["width_px"], f["workers"], f"{f['seconds_median']:.0f}"]
+    return table(header, [[*row, f"{f['peak_gib']:.1f} GiB", f"{f['megabytes_per_frame']:.1f} MB"]])
+
+
+TABLES = {make.__name__: make for make in (transfer, transfer_long, novel_views, mesh_depth, real, renderer, fusion, building)}
+DOCUMENTS = [RESULTS.parent / "README.md", RESULTS.parent / "docs" / "results.md"]
+_PLACE = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->", re.DOTALL)
+
+
+def filled(document: str) -> str:
+    """A document with all its tables as measured."""
+    return _PLACE.sub(lambda at: f"<!-- table {at[1]} -->\n{TABLES[at[1]]()}\n<!-- end -->", document)
+
+
+def main() -> None:
+    for path in DOCUMENTS:
+        path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
