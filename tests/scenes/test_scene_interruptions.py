@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import signal
 from collections.abc import Callable
 from functools import partial
@@ -96,6 +97,21 @@ def test_a_full_disk_is_one_clear_error(
     assert all(found[name] == whole[name] for name in found if name in whole)
     assert build(recording, tmp_path) == 0
     assert contents(tmp_path) == whole
+
+
+def test_a_sweep_that_is_missing_is_named(
+    recording: Path, whole: dict[str, bytes], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    copy = shutil.copytree(recording, tmp_path / "tiny")
+    sweep = next(iter(sorted((copy / "sweeps").rglob("*.bin"))))
+    data = sweep.read_bytes()
+    for damaged in (None, data[: len(data) // 2 + 3]):
+        sweep.unlink() if damaged is None else sweep.write_bytes(damaged)
+        assert build(copy, tmp_path / "out") == 2
+        assert sweep.name in capfd.readouterr().err
+    sweep.write_bytes(data)
+    assert build(copy, tmp_path / "out") == 0
+    assert contents(tmp_path / "out") == whole
 
 
 def test_the_builder_needs_no_truth(tmp_path: Path) -> None:
