@@ -127,7 +127,7 @@ def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = 
                 tally.found_on_target[method] = {token: likely(boxes, options.min_score) for token, boxes in found.items()}
     began = time.monotonic()
     novel_views = novel_view_pictures(
-        _record_sweeps(out / "data" / "sweeps", options, progress),
+        _record_sweeps(out / "data" / f"{SOURCE_RIG}_sweeps", options, progress),
         frames,
         tally.found_on_target,
         lambda frame: _scored_truth(frame, report),
