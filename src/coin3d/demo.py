@@ -206,5 +206,6 @@ def _draw(
 def _about(detector: LoadedDetector) -> str:
     d = detector.description
     notes = d.get("notes") or "nothing is written about its training"
-    augmented = ", focal augmentation" if d["options"].get("focal_augmentation") else ""
+    trained_with = {"focal_augmentation": ", focal augmentation", "novel_views": ", novel views"}
+    augmented = "".join(words for option, words in trained_with.items() if d["options"].get(option))
     return f"{detector.path.name}: {d['detector']}, method {d['method']}{augmented}, classes {', '.join(d['classes'])}; {notes}"
