@@ -27,6 +27,9 @@ class Batch:
         bev_from_ego: (B, 3, 3) BEV augmentation (rotation, scale, flip); identity outside training.
         depth_m: (M, H, W) sparse LiDAR depth, 0 where unknown; only for training.
         boxes: B tables of ground truth in the augmented BEV frame; only for training.
+        key_from_ego: (M, 4, 4) from the ego frame that each camera's pose is given in to that of its sample, where they
+            differ: images of an earlier frame keep their own ego, so that their priors do.
+        previous: the frames before, of the same B samples in the same order, for detectors that look back.
     """
 
     images: Float[Tensor, "m 3 h w"]
@@ -35,6 +38,15 @@ class Batch:
     bev_from_ego: Float[Tensor, "b 3 3"]
     depth_m: Float[Tensor, "m h w"] | None = None
     boxes: tuple[Boxes3D, ...] = ()
+    key_from_ego: Float[Tensor, "m 4 4"] | None = None
+    previous: Batch | None = None
+
+    @property
+    def lift_cameras(self) -> CameraTensors:
+        """The cameras with poses in the ego frames of the samples."""
+        if self.key_from_ego is None:
+            return self.cameras
+        return replace(self.cameras, ego_from_cam=self.key_from_ego @ self.cameras.ego_from_cam)
 
     @property
     def num_samples(self) -> int:
@@ -48,6 +60,8 @@ class Batch:
             sample_index=self.sample_index.to(device),
             bev_from_ego=self.bev_from_ego.to(device),
             depth_m=None if self.depth_m is None else self.depth_m.to(device),
+            key_from_ego=None if self.key_from_ego is None else self.key_from_ego.to(device),
+            previous=None if self.previous is None else self.previous.to(device),
         )
 
 

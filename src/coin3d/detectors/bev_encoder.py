@@ -27,8 +27,7 @@ class BevEncoder(nn.Module):
             raise ValueError(f"the BEV encoder has three stages, got {len(stages)} channel counts")
         self.stages = nn.ModuleList()
         for channels in stages:
-            shortcut = nn.Conv2d(inputs, channels, 3, 2, 1)
-            self.stages.append(nn.Sequential(BasicBlock(inputs, channels, 2, shortcut), BasicBlock(channels, channels)))
+            self.stages.append(residual_stage(inputs, channels, 2, 2))
             inputs = channels
         self.lift_coarse = nn.Upsample(scale_factor=4, mode="bilinear", align_corners=True)
         self.merge = nn.Sequential(conv_bn_relu(stages[0] + stages[2], 2 * outputs), conv_bn_relu(2 * outputs, 2 * outputs))
@@ -46,3 +45,9 @@ class BevEncoder(nn.Module):
         merged = self.merge(torch.cat([levels[0], self.lift_coarse(levels[2])], dim=1))
         out: Tensor = self.lift_fine(merged)
         return out
+
+
+def residual_stage(inputs: int, channels: int, stride: int, blocks: int) -> nn.Sequential:
+    """Residual blocks of which the first has a plain convolution, with bias and without norm, beside it."""
+    first = BasicBlock(inputs, channels, stride, nn.Conv2d(inputs, channels, 3, stride, 1))
+    return nn.Sequential(first, *(BasicBlock(channels, channels) for _ in range(blocks - 1)))

@@ -1,4 +1,4 @@
-"""BEVDepth, single frame: image trunk -> neck -> depth net -> lift-splat -> BEV encoder -> CenterPoint head.
+"""BEVDepth: image trunk -> neck -> depth net -> lift-splat -> BEV encoder -> CenterPoint head.
 
 Layer by layer as spec official_code 1.2-1.6. The method of transfer enters through the hooks of ``Method`` only.
 """
@@ -6,6 +6,7 @@ Layer by layer as spec official_code 1.2-1.6. The method of transfer enters thro
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import torch
 from jaxtyping import Float
@@ -15,7 +16,8 @@ from torch.nn import functional as F  # noqa: N812
 from coin3d.augmentation import transform_boxes
 from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
-from coin3d.detectors.bev_encoder import BevEncoder
+from coin3d.detectors.bev_encoder import BevEncoder, residual_stage
+from coin3d.detectors.bev_warp import warp_bev
 from coin3d.detectors.center_decode import DecodeOptions, decode_centers
 from coin3d.detectors.center_head import CenterHead
 from coin3d.detectors.center_targets import center_losses, center_targets
@@ -24,7 +26,10 @@ from coin3d.detectors.lift_splat import BevGrid, DepthBins, LiftSplat
 from coin3d.detectors.method import Method
 from coin3d.detectors.neck import FeaturePyramid
 from coin3d.detectors.perspective import PerspectiveHead, PerspectiveTargets, perspective_loss, perspective_targets
+from coin3d.detectors.released_lift import ReleasedLiftSplat
 from coin3d.geometry import Boxes3D
+from coin3d.geometry.camera_tensors import CameraTensors
+from coin3d.priors.released import ReleasedConventions
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,10 @@ class BEVDepthConfig:
         aspp_channels: width of each dilated branch.
         depth_dropout: dropout behind them.
         context_channels: channels lifted to BEV (into each height slab of the grid).
+        frames: 2 looks at the frame before as well (without gradients).
+        frame_blocks: residual blocks on each frame's BEV before the frames are put together.
+        previous_by: how the frame before gets to the place of this one: ``pose`` lifts it from where its cameras were;
+            ``warp`` lifts it as if they were where they are now and moves the BEV, as the released code does in tests.
         bins: depth bins.
         grid: bird's-eye-view grid.
         bev_stages: channels of the BEV encoder.
@@ -53,6 +62,7 @@ class BEVDepthConfig:
         min_radius_cells: smallest heat-map peak.
         perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
         decode: how boxes are read off.
+        released: geometry of the released code, for its weights only.
     """
 
     image_width_px: int = 704
@@ -67,6 +77,9 @@ class BEVDepthConfig:
     aspp_channels: int = 96
     depth_dropout: float = 0.5
     context_channels: int = 80
+    frames: int = 1
+    frame_blocks: int = 0
+    previous_by: Literal["pose", "warp"] = "pose"
     bins: DepthBins = field(default_factory=DepthBins)
     grid: BevGrid = field(default_factory=BevGrid)
     bev_stages: tuple[int, ...] = (160, 320, 640)
@@ -76,6 +89,7 @@ class BEVDepthConfig:
     min_radius_cells: int = 2
     perspective_weight: float = 0.0
     decode: DecodeOptions = field(default_factory=DecodeOptions)
+    released: ReleasedConventions | None = None
 
     def __post_init__(self) -> None:
         coarsest = max(self.strides)
@@ -83,6 +97,8 @@ class BEVDepthConfig:
             raise ValueError(f"the input of {self.image_width_px} x {self.image_height_px} is not a multiple of {coarsest}")
         if self.grid.side % 8:
             raise ValueError(f"the BEV grid has {self.grid.side} cells a side; the encoder needs a multiple of 8")
+        if self.frames not in (1, 2):
+            raise ValueError(f"frames is 1 or 2, got {self.frames}")
         if self.head_stride not in (1, 2):
             raise ValueError(f"head_stride is 1 or 2, got {self.head_stride}")
 
@@ -171,14 +187,31 @@ class BEVDepth(nn.Module):
             config.aspp_channels,
             config.depth_dropout,
         )
-        self.lift_splat = LiftSplat(config.grid, config.bins, config.strides[0])
+        lift = LiftSplat if config.released is None else ReleasedLiftSplat
+        self.lift_splat = lift(config.grid, config.bins, config.strides[0])
         bev_inputs = config.context_channels * config.grid.slabs
-        self.bev_encoder = BevEncoder(bev_inputs, config.bev_stages, config.bev_channels, config.head_stride)
+        self.frame_encoder = residual_stage(bev_inputs, bev_inputs, 1, config.frame_blocks) if config.frame_blocks else None
+        self.bev_encoder = BevEncoder(bev_inputs * config.frames, config.bev_stages, config.bev_channels, config.head_stride)
         self.head = CenterHead(config.bev_channels, len(classes), config.head_channels)
         self.perspective = PerspectiveHead(modulated_channels, config.neck_channels) if config.perspective_weight else None
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:
         """Head outputs, ``depth_logits`` (M, D, h, w) and, in training where it is supervised, ``perspective`` (M, 6, h, w)."""
+        bev, depth_logits, feature = self.lift(batch, batch.lift_cameras)
+        if self.config.frames == 2:
+            bev = torch.cat([bev, self.previous_bev(batch, bev)], dim=1)
+        outputs: dict[str, Tensor] = self.head(self.bev_encoder(bev))
+        if self.perspective is not None and self.training:
+            outputs["perspective"] = self.perspective(feature)
+        return {**outputs, "depth_logits": depth_logits}
+
+    def lift(self, batch: Batch, lift_cameras: CameraTensors) -> tuple[Tensor, Tensor, Tensor]:
+        """One frame in bird's-eye view (B, C, Y, X), its depth logits, and the modulated image feature.
+
+        Args:
+            batch: images, and cameras as the method sees them.
+            lift_cameras: where the features are lifted from.
+        """
         cameras, method = batch.cameras, self.method
         context = method.prepare(cameras)
         features = self.backbone(method.image(batch.images, context))
@@ -189,13 +222,28 @@ class BEVDepth(nn.Module):
         vector = method.camera_vector(cameras, batch.bev_from_ego[batch.sample_index], context)
         depth_logits, lifted = self.depth_net(feature, vector)
         depth_logits = depth_logits.float()  # a softmax over many bins collapses in half precision
-        bev = self.lift_splat(
-            depth_logits.softmax(dim=1), lifted, cameras, batch.sample_index, batch.bev_from_ego, reuse=not self.training
-        )
-        outputs: dict[str, Tensor] = self.head(self.bev_encoder(bev))
-        if self.perspective is not None and self.training:
-            outputs["perspective"] = self.perspective(feature)
-        return {**outputs, "depth_logits": depth_logits}
+        depth = depth_logits.softmax(dim=1)
+        bev = self.lift_splat(depth, lifted, lift_cameras, batch.sample_index, batch.bev_from_ego, reuse=not self.training)
+        return (bev if self.frame_encoder is None else self.frame_encoder(bev)), depth_logits, feature
+
+    @torch.no_grad()
+    def previous_bev(self, batch: Batch, like: Float[Tensor, "b c y x"]) -> Float[Tensor, "b c y x"]:
+        """The frame before, in the BEV of this one; zeros without it (spec official_code 1.4)."""
+        before = batch.previous
+        if before is None:
+            return torch.zeros_like(like)
+        if self.config.previous_by == "pose":
+            return self.lift(before, before.lift_cameras)[0]
+        if not torch.equal(before.sample_index, batch.sample_index):
+            raise ValueError("previous_by='warp' needs the same cameras in both frames; use 'pose'")
+        now = batch.lift_cameras.ego_from_cam
+        bev = self.lift(before, replace(before.cameras, ego_from_cam=now))[0]
+        first = torch.searchsorted(batch.sample_index, torch.arange(batch.num_samples, device=now.device))
+        bev_from_ego = torch.eye(4, device=now.device).repeat(batch.num_samples, 1, 1)
+        bev_from_ego[:, :3, :3] = batch.bev_from_ego
+        seen_from_true = now[first] @ torch.linalg.inv(before.lift_cameras.ego_from_cam[first])
+        moved = bev_from_ego @ seen_from_true @ torch.linalg.inv(bev_from_ego)
+        return warp_bev(bev, moved, self.config.grid, 0.5 if self.config.released is None else 0.0)
 
     def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
         """Weighted losses by name; their sum is what is minimised."""

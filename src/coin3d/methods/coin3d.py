@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from jaxtyping import Float
@@ -14,7 +14,10 @@ from coin3d.augmentation import FocalAugmentation, FrameAugmentation, NovelViewO
 from coin3d.detectors.method import Method
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.priors import PriorCache, PriorOptions, PriorSet, Projector, SpatialModulation, prior_maps
+from coin3d.priors.released import ReleasedConventions, released_prior_maps
 from coin3d.rendering.gaussian_folder import GaussianFolder
+
+_CONSTANT_VECTOR = 27
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class CoIn3DOptions:
         focal: its range.
         maps: constants of the prior maps; fixed at training time and stored in the checkpoint.
         novel_views: train on rendered views as well (paper CDA).
+        released: maps of the released code and its camera-aware gates with constant input, for its weights only.
     """
 
     placement: Literal["released", "paper"] = "released"
@@ -41,6 +45,7 @@ class CoIn3DOptions:
     focal: FocalAugmentation = field(default_factory=FocalAugmentation)
     maps: PriorOptions = field(default_factory=PriorOptions)
     novel_views: NovelViewOptions | None = None
+    released: ReleasedConventions | None = None
 
 
 class CoIn3D(Method):
@@ -52,10 +57,23 @@ class CoIn3D(Method):
         self.view_augmentation = options.focal if options.focal_augmentation else None
         self.modulations = nn.ModuleDict()
         self._strides: dict[str, int] = {}
-        self._priors = PriorCache(partial(prior_maps, options=options.maps))
+        if options.released is None:
+            self._priors = PriorCache(partial(prior_maps, options=options.maps))
+        else:
+            self._priors = PriorCache(partial(released_prior_maps, conventions=options.released))
 
     def frame_augmentation(self, gaussians: GaussianFolder | None) -> FrameAugmentation | None:
         return novel_views(self.options.novel_views, gaussians)
+
+    @property
+    def camera_vector_channels(self) -> int:
+        return 0 if self.options.released is None else _CONSTANT_VECTOR
+
+    def camera_vector(
+        self, cameras: CameraTensors, bev_from_ego: Float[Tensor, "m 3 3"], context: Any
+    ) -> Float[Tensor, "m 27"] | None:
+        """Ones under released conventions, whose gates are so learned constants; else there are no gates."""
+        return None if self.options.released is None else torch.ones(len(cameras), _CONSTANT_VECTOR, device=cameras.K.device)
 
     @property
     def extra_image_channels(self) -> int:

@@ -59,15 +59,44 @@ def released_maps(
         conventions: ``ReleasedConventions()`` by default.
         turned: the Pluecker maps see an ego frame turned front to back (drawn at random in its training).
     """
-    conventions = conventions or ReleasedConventions()
     augmentation = post_rotation.double().clone()
     augmentation[:, :, 2] += post_translation.double()
-    ground = torch.tensor([0.0, 0.0, 1.0, 0.0], device=K.device).expand(len(K), 4)
-    cameras = CameraTensors(augmentation @ K.double(), ego_from_cam.double(), ground, *size_px)
-    maps = empty_maps(cameras)
-
     zoom = torch.linalg.matrix_norm(post_rotation[:, :2, :2].double(), ord=2)
-    maps[:, INVERSE_FOCAL] = ((conventions.reference_focal_px / (K[:, 0, 0] * zoom)) ** 2)[:, None, None]
+    focal_px = K[:, 0, 0] * zoom
+    return _maps(augmentation @ K.double(), focal_px, ego_from_cam, size_px, conventions or ReleasedConventions(), turned)
+
+
+def released_prior_maps(cameras: CameraTensors, conventions: ReleasedConventions) -> Float[Tensor, "m 9 h w"]:
+    """The same nine channels from this project's cameras, whose first pixel has its centre at a half.
+
+    The focal length is the length of the first column of K, which is fx times the zoom of any image augmentation that
+    turns, mirrors and scales evenly.
+    """
+    K = from_whole_pixels(cameras.K)
+    focal_px = torch.linalg.vector_norm(K[:, :2, 0], dim=1)
+    maps = _maps(K, focal_px, cameras.ego_from_cam, (cameras.height_px, cameras.width_px), conventions, turned=False)
+    return maps.to(cameras.K.dtype)
+
+
+def from_whole_pixels(K: Float[Tensor, "m 3 3"]) -> Float[Tensor, "m 3 3"]:
+    """Intrinsics for pixel centres at whole numbers, from ours."""
+    shift = torch.eye(3, dtype=torch.float64, device=K.device)
+    shift[:2, 2] = -0.5
+    return shift @ K.double()
+
+
+def _maps(
+    K: Float[Tensor, "m 3 3"],
+    focal_px: Float[Tensor, "m"],
+    ego_from_cam: Float[Tensor, "m 4 4"],
+    size_px: tuple[int, int],
+    conventions: ReleasedConventions,
+    turned: bool,
+) -> Float[Tensor, "m 9 h w"]:
+    ground = torch.tensor([0.0, 0.0, 1.0, 0.0], device=K.device).expand(len(K), 4)
+    cameras = CameraTensors(K, ego_from_cam.double(), ground, *size_px)
+    maps = empty_maps(cameras)
+    maps[:, INVERSE_FOCAL] = ((conventions.reference_focal_px / focal_px) ** 2)[:, None, None]
     fill_ground(maps, cameras, conventions.ground_cap_m, conventions.first_pixel)
     maps[:, GROUND_GRADIENT, 0] = 0.0
 

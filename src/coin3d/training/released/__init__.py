@@ -1,0 +1,1 @@
+"""Weights of released implementations, name by name."""
