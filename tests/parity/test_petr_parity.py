@@ -21,7 +21,7 @@ from coin3d.detectors.query_losses import QueryLossWeights, QueryTargets, query_
 from coin3d.geometry import Boxes3D, wrap_angle
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.methods import Method
-from coin3d.training.released.petr_keys import box_rows, convert_petr
+from coin3d.training.released.petr_keys import box_rows, convert_petr, left_out, released_name
 
 HEIGHT_PX, WIDTH_PX = 64, 160
 CLASSES = tuple(f"class{i}" for i in range(10))
@@ -178,3 +178,11 @@ def test_losses_end_to_end(run: Run) -> None:
     truth = released_boxes(run.stored["gt"], run.stored["labels"], None, bottom=True)
     with torch.inference_mode():
         assert_losses(run.model.losses(replace(run.batch, boxes=(truth,))), run.stored, 5e-4)
+
+
+def test_every_released_name_is_mapped_or_left_out(run: Run) -> None:
+    ours = {released_name(name) for name in run.model.state_dict()}
+    names = {line.split(" ")[0] for line in (FOLDER / "petr_keys.txt").read_text().splitlines()}
+    assert len(names) == 854
+    assert ours <= names
+    assert all(left_out(name) for name in names - ours)
