@@ -111,7 +111,8 @@ def _rearranged(converted: dict[str, Tensor], source: Source) -> dict[str, Tenso
     rows, signs = box_rows(source)
     sign = torch.tensor(signs)
     # of camera, row and column the released code lists all sines, then all cosines; we let them alternate
-    of_three = converted[sine].flatten(1).unflatten(1, (3, 2, -1))
+    channels = converted[sine].shape[1]
+    of_three = converted[sine].reshape(-1, 3, 2, channels // 6)
     return {
         **converted,
         weight: converted[weight][rows] * sign[:, None],
