@@ -120,7 +120,7 @@ class BEVFormerConfig:
         )
 
     @classmethod
-    def converted(cls) -> BEVFormerConfig:
+    def released_nuscenes(cls) -> BEVFormerConfig:
         """What the released BEVFormer-tiny weights are loaded into."""
         return cls(
             image_height_px=480,

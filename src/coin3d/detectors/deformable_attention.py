@@ -12,14 +12,14 @@ from torch.nn import functional as F  # noqa: N812
 
 
 def sample_values(
-    levels: Sequence[Float[Tensor, "n k ?h ?w"]],
+    levels: Sequence[Float[Tensor, "n k _ _"]],
     locations: Float[Tensor, "n q heads levels points 2"],
     weights: Float[Tensor, "n q heads levels points"],
 ) -> Float[Tensor, "n q k"]:
     """Weighted sums of bilinear samples, per head.
 
     Args:
-        levels: feature maps, coarse to fine or the other way; the k channels are those of head 0, then of head 1, ...
+        levels: feature maps of any sizes; the k channels are those of head 0, then of head 1, ...
         locations: (x, y) of each sample, 0 and 1 being the outer edges of the map; outside it samples are zero.
         weights: of the samples of each query and head, over all levels and points.
     """

@@ -1,7 +1,7 @@
 """What the released BEVFormer weights expect beyond ours, for converted weights and parity tests only (spec detectors 2, Oddities).
 
 Models trained by this project use none of it. The differences, all of them in this file: the network works in nuScenes'
-LiDAR frame (x right, y forward, on the roof), with pixel centres at whole numbers; six cameras in one order have an
+LiDAR frame (x right, y forward, on the roof), with pixels counted from 0; six cameras in one order have an
 embedding each; numbers of the vehicle's bus enter the queries; the previous bird's-eye view is turned to the nearest cell
 about a point outside of it and shifted by the translation in the sampling points; all encoder layers see the present as
 it was before the first.
@@ -32,7 +32,8 @@ class ReleasedBevFormer:
         bus_numbers: translation since the last frame (3), orientation quaternion (4), accelerations, rates and speeds (9),
             heading in radians, turn since the last frame in degrees.
         turn_centre_cells: column and row about which the previous bird's-eye view is turned (outside the grid of 50).
-        first_pixel: coordinate of the centre of the first pixel.
+        first_pixel: coordinate of the centre of the first pixel of the network's input: pixels of the raw image were counted
+            from 0, and halving the image halved them without the half pixel.
         lidar_position_m: where nuScenes' LiDAR sits in the ego frame.
         lidar_yaw_rad: direction of its x axis (right) in the ego frame.
     """
@@ -41,7 +42,7 @@ class ReleasedBevFormer:
     levels: int = 4
     bus_numbers: int = 18
     turn_centre_cells: tuple[float, float] = (100.0, 100.0)
-    first_pixel: float = 0.0
+    first_pixel: float = 0.25
     lidar_position_m: tuple[float, float, float] = (0.943713, 0.0, 1.84023)
     lidar_yaw_rad: float = -math.pi / 2
 

@@ -56,7 +56,7 @@ def bevformer_name(released: str) -> str | None:
 
 
 def bevformer_weights(released: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Released weights as a state dict of ``BEVFormer(BEVFormerConfig.converted(), ...)``.
+    """Released weights as a state dict of ``BEVFormer(BEVFormerConfig.released_nuscenes(), ...)``.
 
     The rows of the box branches are turned to our coding, so that the boxes come out as all detectors' do: length before
     width, heading counter-clockwise from +x.
