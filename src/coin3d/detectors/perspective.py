@@ -16,6 +16,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
+from coin3d.augmentation import transform_boxes
+from coin3d.detectors.batch import Batch
 from coin3d.detectors.layers import conv_bn_relu
 from coin3d.geometry import Boxes3D
 from coin3d.geometry.camera_tensors import CameraTensors
@@ -64,6 +66,13 @@ def perspective_loss(predicted: Float[Tensor, "m 6 h w"], targets: PerspectiveTa
     cover = F.binary_cross_entropy_with_logits(predicted[:, 0], targets.cover)
     error = (predicted[:, 1:] - targets.values).abs().sum(1) * targets.object
     return _COVER_WEIGHT * cover + error.sum() / targets.object.sum().clamp(min=1)
+
+
+def perspective_batch_targets(batch: Batch, stride: int) -> PerspectiveTargets:
+    """Targets of a training batch: its boxes without their BEV augmentation, each camera with those of its sample."""
+    ego_from_bev = torch.linalg.inv(batch.bev_from_ego).cpu().double().numpy()
+    in_ego = [transform_boxes(boxes, t) for boxes, t in zip(batch.boxes, ego_from_bev, strict=True)]
+    return perspective_targets([in_ego[i] for i in batch.sample_index.tolist()], batch.cameras, stride)
 
 
 def perspective_targets(boxes: list[Boxes3D], cameras: CameraTensors, stride: int) -> PerspectiveTargets:

@@ -1,1 +1,1 @@
-"""Weights released by others, under our names: one file per network, every key mapped or left out for a stated reason."""
+"""Weights released by others, renamed and rearranged for the detectors of this project."""

@@ -1,0 +1,265 @@
+"""PETR: object queries attend to image cells that know where they look (spec detectors 3).
+
+Image trunk -> neck -> image cells with an embedding of their rays -> decoder of object queries -> boxes. The method of transfer
+enters through the hooks of ``Method`` only; nothing but the embedding of rays, which is made of camera matrices, tells one
+camera from another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from coin3d.detectors.backbone import ImageBackbone
+from coin3d.detectors.batch import Batch
+from coin3d.detectors.method import Method
+from coin3d.detectors.neck import FeaturePyramid
+from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
+from coin3d.detectors.petr_decoder import QueryDecoder, gather_samples, sample_padding
+from coin3d.detectors.position_embedding_3d import CameraSineEmbedding, PositionEmbedding3D, RayPoints, sine_code
+from coin3d.detectors.query_boxes import CODE_SIZE, QueryDecodeOptions, decode_queries, place_boxes
+from coin3d.detectors.query_conventions import ReleasedQueryConventions
+from coin3d.detectors.query_losses import QueryLossWeights, query_losses, query_targets
+from coin3d.detectors.space_range import SpaceRange
+from coin3d.detectors.vovnet import VoVNet99
+from coin3d.geometry import Boxes3D
+
+V2_99 = "v2-99"
+_SCORE_BIAS = -4.595  # sigmoid = 0.01, the usual prior where almost every query stands for nothing
+
+_SEEN = SpaceRange((-61.2, -61.2, -10.0), (61.2, 61.2, 10.0))
+_OCCUPIED = SpaceRange((-51.2, -51.2, -3.0), (51.2, 51.2, 5.0))
+
+
+@dataclass(frozen=True)
+class PETRConfig:
+    """Sizes of the network; the defaults are the paper's (V2-99, 800 wide).
+
+    Args:
+        image_width_px: images are resized to this width.
+        image_height_px: and the bottom rows kept.
+        backbone: ``v2-99`` or a timm ResNet.
+        backbone_blocks: residual blocks per stage, if not the named ResNet's own.
+        pretrained: start a ResNet from ImageNet weights (needs a download).
+        strides: image feature levels, finest first; queries look at the finest.
+        neck_channels: channels after the neck.
+        channels: of queries and image cells in the decoder.
+        queries: their number.
+        layers: of the decoder.
+        heads: of each attention.
+        hidden: width of the feed-forward part of a layer.
+        dropout: in the decoder.
+        rays: points along the ray of an image cell.
+        ray_space: range in which those points are told apart.
+        box_space: range in which boxes lie; in the ego frame, or the LiDAR frame of ``released``.
+        perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
+        weights: of the losses.
+        decode: how boxes are read off.
+        released: for converted weights; nothing trained here has it.
+    """
+
+    image_width_px: int = 800
+    image_height_px: int = 448
+    backbone: str = V2_99
+    backbone_blocks: tuple[int, ...] = ()
+    pretrained: bool = False
+    strides: tuple[int, ...] = (16, 32)
+    neck_channels: int = 256
+    channels: int = 256
+    queries: int = 900
+    layers: int = 6
+    heads: int = 8
+    hidden: int = 2048
+    dropout: float = 0.1
+    rays: RayPoints = field(default_factory=RayPoints)
+    ray_space: SpaceRange = _SEEN
+    box_space: SpaceRange = _OCCUPIED
+    perspective_weight: float = 0.0
+    weights: QueryLossWeights = field(default_factory=QueryLossWeights)
+    decode: QueryDecodeOptions = field(default_factory=QueryDecodeOptions)
+    released: ReleasedQueryConventions | None = None
+
+    def __post_init__(self) -> None:
+        coarsest = max(self.strides)
+        if self.image_width_px % coarsest or self.image_height_px % coarsest:
+            raise ValueError(f"the input of {self.image_width_px} x {self.image_height_px} is not a multiple of {coarsest}")
+        if self.channels % self.heads:
+            raise ValueError(f"{self.channels} channels cannot be shared by {self.heads} attention heads")
+        if self.backbone == V2_99 and (self.pretrained or self.backbone_blocks):
+            raise ValueError(f"{V2_99} has neither ImageNet weights to download nor other numbers of blocks")
+
+    @classmethod
+    def paper(cls) -> PETRConfig:
+        """V2-99 at 800 x 448, the size of the paper's tables."""
+        return cls()
+
+    @classmethod
+    def released_nuscenes(cls) -> PETRConfig:
+        """The network of the released weights: 800 x 320, boxes in the LiDAR frame, an embedding of the camera's index."""
+        space = SpaceRange((-51.2, -51.2, -5.0), (51.2, 51.2, 3.0))
+        return cls(image_height_px=320, box_space=space, released=ReleasedQueryConventions())
+
+    @classmethod
+    def small(cls) -> PETRConfig:
+        """ResNet-34 at 480 x 192: for one modest GPU."""
+        return cls(image_width_px=480, image_height_px=192, backbone="resnet34", queries=450, layers=4, hidden=1024)
+
+    @classmethod
+    def tiny(cls) -> PETRConfig:
+        """Half a ResNet-18 at 352 x 128: trains in minutes on two CPU cores."""
+        return cls(
+            image_width_px=352,
+            image_height_px=128,
+            backbone="resnet18",
+            backbone_blocks=(1, 1, 1, 1),
+            strides=(16,),
+            neck_channels=96,
+            channels=96,
+            queries=200,
+            layers=3,
+            heads=4,
+            hidden=256,
+            dropout=0.0,
+            rays=RayPoints(count=24),
+            perspective_weight=1.0,
+            decode=QueryDecodeOptions(max_boxes=100, min_score=0.02),
+        )
+
+
+class PETR(nn.Module):
+    """The detector.
+
+    Args:
+        config: sizes.
+        classes: names of the classes, in the order of the scores.
+        method: the method of transfer; it is attached to this detector and becomes part of its weights.
+    """
+
+    name = "petr"
+
+    def __init__(self, config: PETRConfig, classes: tuple[str, ...], method: Method) -> None:
+        super().__init__()
+        self.config, self.classes, self.method = config, classes, method
+        self.backbone: VoVNet99 | ImageBackbone
+        if config.backbone == V2_99:
+            self.backbone = VoVNet99(config.strides, method.extra_image_channels)
+        else:
+            self.backbone = ImageBackbone(
+                config.backbone, config.strides, method.extra_image_channels, config.pretrained, config.backbone_blocks
+            )
+        attached = [
+            method.attach(f"backbone_{stride}", channels, stride)
+            for stride, channels in zip(config.strides, self.backbone.channels, strict=True)
+        ]
+        self.neck = FeaturePyramid(attached, config.neck_channels)
+        modulated_channels = method.attach("neck", config.neck_channels, config.strides[0])
+        width, released = config.channels, config.released
+        self.input_proj = nn.Conv2d(modulated_channels, width, 1)
+        self.rays = PositionEmbedding3D(
+            width, config.strides[0], config.rays, config.ray_space, released.point_in_cell_px if released else None
+        )
+        self.camera_sine = CameraSineEmbedding(width) if released and released.camera_sine else None
+        self.reference_points = nn.Parameter(torch.rand(config.queries, 3))
+        codes = len(sine_code(torch.zeros(()))) * 3
+        self.query_embedding = nn.Sequential(nn.Linear(codes, width), nn.ReLU(inplace=True), nn.Linear(width, width))
+        self.decoder = QueryDecoder(config.layers, width, config.heads, config.hidden, config.dropout)
+        self.class_branch = nn.Sequential(
+            nn.Linear(width, width),
+            nn.LayerNorm(width),
+            nn.ReLU(inplace=True),
+            nn.Linear(width, width),
+            nn.LayerNorm(width),
+            nn.ReLU(inplace=True),
+            output := nn.Linear(width, len(classes)),
+        )
+        nn.init.constant_(output.bias, _SCORE_BIAS)
+        self.box_branch = nn.Sequential(
+            nn.Linear(width, width),
+            nn.ReLU(inplace=True),
+            nn.Linear(width, width),
+            nn.ReLU(inplace=True),
+            nn.Linear(width, CODE_SIZE),
+        )
+        self.perspective = PerspectiveHead(modulated_channels, config.neck_channels) if config.perspective_weight else None
+
+    def forward(self, batch: Batch) -> dict[str, Tensor]:
+        """``class_logits`` (L, B, Q, classes) and ``boxes`` (L, B, Q, 10, see query_boxes) after each decoder layer.
+
+        In training, where it is supervised, also ``perspective`` (M, 6, h, w).
+        """
+        cameras, method = batch.cameras, self.method
+        context = method.prepare(cameras)
+        features = self.backbone(method.image(batch.images, context))
+        modulated = [
+            method.modulate(f"backbone_{stride}", x, context) for stride, x in zip(self.config.strides, features, strict=True)
+        ]
+        feature = method.modulate("neck", self.neck(modulated), context)
+        h, w = feature.shape[-2:]
+        position = self.rays(cameras, self._target_from_ego(batch)[batch.sample_index])
+        if self.camera_sine is not None:
+            position = position + self.camera_sine(batch.sample_index, h, w)
+        memory, memory_position = (
+            gather_samples(x, batch.sample_index, batch.num_samples) for x in (self.input_proj(feature), position)
+        )
+        padding = sample_padding(batch.sample_index, batch.num_samples, h * w)
+        query_position = self._query_position()[None].expand(batch.num_samples, -1, -1)
+        decoded = self.decoder(query_position, memory, memory_position, padding)
+        with torch.autocast(decoded.device.type, enabled=False):  # half precision would put boxes on a grid of decimetres
+            decoded = decoded.float()
+            boxes = place_boxes(
+                self.box_branch(decoded), self.reference_points.expand(*decoded.shape[:3], 3), self.config.box_space
+            )
+            outputs: dict[str, Tensor] = {"class_logits": self.class_branch(decoded), "boxes": boxes}
+        if self.perspective is not None and self.training:
+            outputs["perspective"] = self.perspective(feature)
+        return outputs
+
+    def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
+        """Weighted losses by name; their sum is what is minimised."""
+        if len(batch.boxes) != batch.num_samples:
+            raise ValueError(f"training needs boxes: {len(batch.boxes)} tables of them for {batch.num_samples} samples")
+        config, device = self.config, batch.images.device
+        outputs = self(batch)
+        tables = [self._from_bev(boxes) for boxes in batch.boxes]
+        targets = [query_targets(boxes, self.classes, config.box_space).to(device) for boxes in tables]
+        with torch.autocast(device.type, enabled=False):
+            losses = query_losses(outputs["class_logits"], outputs["boxes"], targets, config.weights)
+            if "perspective" in outputs:
+                cells = perspective_batch_targets(batch, config.strides[0])
+                losses["perspective"] = config.perspective_weight * perspective_loss(outputs["perspective"], cells)
+        return losses
+
+    @torch.no_grad()
+    def detect(self, batch: Batch) -> list[Boxes3D]:
+        """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
+        outputs, config = self(batch), self.config
+        found = decode_queries(
+            outputs["class_logits"][-1],
+            outputs["boxes"][-1],
+            self.classes,
+            config.decode,
+            with_velocity=config.weights.velocity > 0,
+        )
+        if config.released is None:
+            return found
+        return [boxes.transformed(config.released.ego_from_lidar) for boxes in found]
+
+    def _query_position(self) -> Float[Tensor, "q c"]:
+        x, y, z = self.reference_points.unbind(-1)
+        out: Tensor = self.query_embedding(torch.cat([sine_code(y), sine_code(x), sine_code(z)], dim=-1))
+        return out
+
+    def _from_bev(self, boxes: Boxes3D) -> Boxes3D:
+        released = self.config.released
+        return boxes if released is None else boxes.transformed(released.ego_from_lidar.inverse())
+
+    def _target_from_ego(self, batch: Batch) -> Float[Tensor, "b 4 4"]:
+        target = torch.eye(4, device=batch.bev_from_ego.device).repeat(batch.num_samples, 1, 1)
+        target[:, :3, :3] = batch.bev_from_ego
+        if self.config.released is None:
+            return target
+        lidar_from_bev = torch.from_numpy(self.config.released.ego_from_lidar.inverse().matrix).to(target)
+        return lidar_from_bev @ target
