@@ -13,7 +13,8 @@ from parity_files import FOLDER, filler
 from torch import Tensor
 
 from coin3d.detectors import Batch, Method
-from coin3d.detectors.bevformer import BEVFormer, BEVFormerConfig
+from coin3d.detectors.bevformer import BEVFormer
+from coin3d.detectors.bevformer_config import BEVFormerConfig
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.training.released.bevformer_keys import bevformer_weights
 
@@ -36,7 +37,7 @@ def released_model() -> BEVFormer:
     weights: dict[str, Tensor] = {}
     for key, shape in released_shapes().items():
         value = generated.value(key, shape)
-        weights[key] = torch.zeros(shape, dtype=torch.long) if value is None else torch.from_numpy(value)
+        weights[key] = torch.zeros(shape, dtype=torch.long) if value is None else torch.from_numpy(value).float()
     with torch.device("meta"):
         model = BEVFormer(CONFIG, CLASSES, Method())
     model.load_state_dict(bevformer_weights(weights, model.state_dict()), assign=True)

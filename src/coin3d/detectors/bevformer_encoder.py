@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from coin3d.detectors.bev_history import BevHistory
 from coin3d.detectors.spatial_cross_attention import SpatialCrossAttention, VisibleQueries
 from coin3d.detectors.temporal_self_attention import TemporalSelfAttention
-
-
-@dataclass(frozen=True, eq=False)
-class BevHistory:
-    """The previous bird's-eye view, aligned with the present one.
-
-    Args:
-        bev: (B, Q, C) previous features, one per present cell.
-        references: (B, Q, 2) where in ``bev`` the queries look, (x, y) from 0 to 1.
-        refresh: the present map beside it is each layer's own; False keeps the first layer's (released weights).
-    """
-
-    bev: Float[Tensor, "b q c"]
-    references: Float[Tensor, "b q 2"]
-    refresh: bool = True
 
 
 class LearnedPosition(nn.Module):
@@ -50,7 +34,11 @@ class LearnedPosition(nn.Module):
 def feed_forward(channels: int, hidden: int, dropout: float) -> nn.Sequential:
     """Two linear layers; the residual is the caller's."""
     return nn.Sequential(
-        nn.Linear(channels, hidden), nn.ReLU(inplace=True), nn.Dropout(dropout), nn.Linear(hidden, channels), nn.Dropout(dropout)
+        nn.Linear(channels, hidden),
+        nn.ReLU(inplace=True),
+        nn.Dropout(dropout),
+        nn.Linear(hidden, channels),
+        nn.Dropout(dropout),
     )
 
 
@@ -127,9 +115,6 @@ class BevFormerEncoder(nn.Module):
         references = (present if history is None else history.references, present)
         first = query
         for layer in self.layers:
-            if history is None:
-                maps = (query, query)
-            else:
-                maps = (history.bev, query if history.refresh else first)
+            maps = (query, query) if history is None else (history.bev, query if history.refresh else first)
             query = layer(query, position, maps, references, features, visible, side)
         return query

@@ -34,9 +34,7 @@ def cell_centres(grid: BevGrid, device: torch.device | str = "cpu") -> Float[Ten
     return torch.stack([x, y], dim=-1).reshape(-1, 2)
 
 
-def pillar_anchors(
-    grid: BevGrid, heights_m: tuple[float, ...], device: torch.device | str = "cpu"
-) -> Float[Tensor, "q d 3"]:
+def pillar_anchors(grid: BevGrid, heights_m: tuple[float, ...], device: torch.device | str = "cpu") -> Float[Tensor, "q d 3"]:
     """Points of the BEV frame (metres) on the pillar over each cell."""
     plane = cell_centres(grid, device) * (2 * grid.half_extent_m) - grid.half_extent_m
     z = torch.tensor(heights_m, device=device)

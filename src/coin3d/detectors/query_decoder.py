@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -11,28 +10,11 @@ from torch import Tensor, nn
 
 from coin3d.detectors.bevformer_encoder import feed_forward
 from coin3d.detectors.deformable_attention import SamplingPlan, sample_values
+from coin3d.detectors.query_boxes import CODE_SIZE, place_boxes
+from coin3d.detectors.space_range import SpaceRange, inverse_sigmoid
 
-BOX_NUMBERS = 10
 _PRIOR_SCORE = 0.01
-
-
-def inverse_sigmoid(x: Float[Tensor, "*shape"], eps: float = 1e-5) -> Float[Tensor, "*shape"]:
-    """Logit of a number in [0, 1], kept finite."""
-    x = x.clamp(0, 1)
-    return torch.log(x.clamp(min=eps) / (1 - x).clamp(min=eps))
-
-
-@dataclass(frozen=True, eq=False)
-class DecodedQueries:
-    """What L decoder layers say about N queries of B samples.
-
-    Args:
-        class_logits: (L, B, N, K).
-        box_numbers: (L, B, N, 10) as the box branches give them, but x, y, z (0, 1, 4) from 0 to 1 over the detection range.
-    """
-
-    class_logits: Float[Tensor, "l b n k"]
-    box_numbers: Float[Tensor, "l b n 10"]
+_PLACE = (0, 1, 4)  # of x, y, z in the code of a box
 
 
 class BevCrossAttention(nn.Module):
@@ -83,7 +65,7 @@ class DecoderLayer(nn.Module):
         return out
 
 
-class QueryDecoder(nn.Module):
+class BevQueryDecoder(nn.Module):
     """Learned queries, each with a learned place to start from.
 
     Args:
@@ -107,19 +89,27 @@ class QueryDecoder(nn.Module):
         self.class_branches = nn.ModuleList(_class_branch(channels, classes) for _ in range(layers))
         self.box_branches = nn.ModuleList(_box_branch(channels) for _ in range(layers))
 
-    def forward(self, bev: Float[Tensor, "b q c"]) -> DecodedQueries:
-        """Class logits and box numbers of every layer from square bird's-eye-view features, row by row."""
+    def forward(
+        self, bev: Float[Tensor, "b q c"], space: SpaceRange
+    ) -> tuple[Float[Tensor, "l b n k"], Float[Tensor, "l b n 10"]]:
+        """Class logits and boxes (see query_boxes) after every layer.
+
+        Args:
+            bev: features of a square grid, row by row.
+            space: range of space of that grid, in which the boxes lie.
+        """
         position, query = self.queries.expand(len(bev), -1, -1).chunk(2, dim=-1)
-        reference = self.start(position).sigmoid()
-        logits, numbers = [], []
+        reference = self.start(position).float().sigmoid()
+        logits, boxes = [], []
         for layer, classify, refine in zip(self.layers, self.class_branches, self.box_branches, strict=True):
             query = layer(query, position, bev, reference[..., :2])
-            box = refine(query).float()
-            place = (box[..., [0, 1, 4]] + inverse_sigmoid(reference.float())).sigmoid()
-            logits.append(classify(query).float())
-            numbers.append(torch.cat([place[..., :2], box[..., 2:4], place[..., 2:], box[..., 5:]], dim=-1))
-            reference = place.detach()  # each layer learns its own correction: no gradient through the chain of places
-        return DecodedQueries(torch.stack(logits), torch.stack(numbers))
+            with torch.autocast(bev.device.type, enabled=False):  # half precision would put boxes on a grid of decimetres
+                logits.append(classify(query.float()))
+                raw = refine(query.float())
+                boxes.append(place_boxes(raw, reference, space))
+                # each layer learns its own correction: no gradient through the chain of places
+                reference = (raw[..., _PLACE] + inverse_sigmoid(reference)).sigmoid().detach()
+        return torch.stack(logits), torch.stack(boxes)
 
 
 def _class_branch(channels: int, classes: int) -> nn.Sequential:
@@ -135,4 +125,4 @@ def _box_branch(channels: int) -> nn.Sequential:
     layers: list[nn.Module] = []
     for _ in range(2):
         layers += [nn.Linear(channels, channels), nn.ReLU(inplace=True)]
-    return nn.Sequential(*layers, nn.Linear(channels, BOX_NUMBERS))
+    return nn.Sequential(*layers, nn.Linear(channels, CODE_SIZE))

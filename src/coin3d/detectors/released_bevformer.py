@@ -1,4 +1,4 @@
-"""What the released BEVFormer weights expect beyond ours, for converted weights and parity tests only (spec detectors 2, Oddities).
+"""What the released BEVFormer weights expect beyond ours, for converted weights and parity tests only (spec detectors 2).
 
 Models trained by this project use none of it. The differences, all of them in this file: the network works in nuScenes'
 LiDAR frame (x right, y forward, on the roof), with pixels counted from 0; six cameras in one order have an
@@ -17,8 +17,9 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
-from coin3d.detectors.bevformer_encoder import BevHistory
+from coin3d.detectors.bev_history import BevHistory
 from coin3d.detectors.lift_splat import BevGrid
+from coin3d.detectors.pillar_projection import cell_centres
 from coin3d.geometry.pose import Pose
 
 
@@ -89,9 +90,34 @@ class ReleasedParts(nn.Module):
         embedding = self.camera_embedding.repeat(len(counts), 1) + self.level_embedding[0]
         return features + embedding[:, :, None, None]
 
-    def queries(self, queries: Float[Tensor, "q c"], bus: Float[Tensor, "b n"]) -> Float[Tensor, "b q c"]:
-        """What the cells of each sample start from."""
-        return queries + self.bus_mlp(bus)[:, None]
+    def queries(
+        self,
+        queries: Float[Tensor, "q c"],
+        previous_bev: Float[Tensor, "b q c"] | None,
+        previous_from_current: Float[Tensor, "b 4 4"] | None,
+        bus: Float[Tensor, "b n"] | None,
+        samples: int,
+    ) -> tuple[Float[Tensor, "b q c"], BevHistory | None]:
+        """What the cells of each sample start from, and their history.
+
+        Args:
+            queries: learned start.
+            previous_bev: of the frames before, if any.
+            previous_from_current: ego motion since; used where ``bus`` is not given.
+            bus: the vehicle's own numbers.
+            samples: B.
+
+        Raises:
+            ValueError: history without motion.
+        """
+        if bus is None:
+            if previous_from_current is None:
+                if previous_bev is not None:
+                    raise ValueError("previous_bev needs previous_from_current: how the ego vehicle moved since")
+                previous_from_current = torch.eye(4, device=queries.device).expand(samples, 4, 4)
+            bus = self.bus_from_motion(previous_from_current)
+        started = queries + self.bus_mlp(bus)[:, None]
+        return started, None if previous_bev is None else self.history(previous_bev, bus)
 
     def bus_from_motion(self, previous_from_current: Float[Tensor, "b 4 4"]) -> Float[Tensor, "b n"]:
         """The numbers of the bus that ego poses tell; absolute heading and what only the bus knows are zero.
@@ -105,14 +131,13 @@ class ReleasedParts(nn.Module):
         bus[:, -1] = torch.rad2deg(torch.atan2(rotation[:, 1, 0], rotation[:, 0, 0]))
         return bus
 
-    def history(
-        self, previous_bev: Float[Tensor, "b q c"], bus: Float[Tensor, "b n"], centres: Float[Tensor, "q 2"]
-    ) -> BevHistory:
+    def history(self, previous_bev: Float[Tensor, "b q c"], bus: Float[Tensor, "b n"]) -> BevHistory:
         """The previous bird's-eye view, turned; its translation goes into the references."""
         numbers = bus.double()
         distance_m = torch.hypot(numbers[:, 0], numbers[:, 1])
         bearing = numbers[:, -2] - torch.atan2(numbers[:, 1], numbers[:, 0])
         moved_m = torch.stack([distance_m * bearing.sin(), distance_m * bearing.cos()], dim=-1)
+        centres = cell_centres(self.grid, previous_bev.device)
         shift = (moved_m / (2 * self.grid.half_extent_m)).to(centres.dtype)
         return BevHistory(self._turned(previous_bev, numbers[:, -1]), centres + shift[:, None], refresh=False)
 

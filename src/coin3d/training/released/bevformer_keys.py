@@ -38,7 +38,12 @@ _RENAMED = (
     (_TRANSFORMER + r"decoder\.layers\.(\d+)\.attentions\.0\.attn\.", r"decoder.layers.\1.self_attention."),
     (_TRANSFORMER + r"decoder\.layers\.(\d+)\.attentions\.1\.", r"decoder.layers.\1.cross_attention."),
 )
-_ATTENTION = {"sampling_offsets": "plan.offsets", "attention_weights": "plan.weights", "value_proj": "value", "output_proj": "output"}
+_ATTENTION = {
+    "sampling_offsets": "plan.offsets",
+    "attention_weights": "plan.weights",
+    "value_proj": "value",
+    "output_proj": "output",
+}
 _LAST_BOX_LAYER = re.compile(r"decoder\.box_branches\.\d+\.4\.(weight|bias)")
 
 
