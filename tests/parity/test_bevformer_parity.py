@@ -80,10 +80,10 @@ def test_decoder_layers(frame: str, layer: int) -> None:
     assert error(result["boxes"][layer], in_our_coding.numpy()) < 1e-4
 
 
-def table(rows: np.ndarray, labels: np.ndarray, scores: np.ndarray | None = None) -> Boxes3D:
-    """Released boxes (x, y, z of the bottom, width, length, height, yaw, velocity) as ours, in the same frame."""
+def table(rows: np.ndarray, labels: np.ndarray, scores: np.ndarray | None = None, *, bottom: bool = False) -> Boxes3D:
+    """Released boxes (x, y, z of the centre or bottom, width, length, height, yaw, velocity) as ours, in the same frame."""
     rows = rows.astype(np.float64)
-    centre = rows[:, :3] + [0, 0, 0.5] * rows[:, 5:6]
+    centre = rows[:, :3] + [0, 0, 0.5 * bottom] * rows[:, 5:6]
     names = np.array(CLASSES)[labels]
     yaw_rad = -rows[:, 6] - np.pi / 2
     return Boxes3D.create(centre, rows[:, [4, 3, 5]], yaw_rad, names, scores=scores, velocity_mps=rows[:, 7:])
@@ -91,7 +91,7 @@ def table(rows: np.ndarray, labels: np.ndarray, scores: np.ndarray | None = None
 
 def test_losses() -> None:
     result = outputs("1")
-    targets = [query_targets(table(stored()["gt"], stored()["labels"]), CLASSES, CONFIG.box_space)]
+    targets = [query_targets(table(stored()["gt"], stored()["labels"], bottom=True), CLASSES, CONFIG.box_space)]
     ours = query_losses(result["class_logits"], result["boxes"], targets, CONFIG.weights)
     theirs = dict(zip(stored()["loss_names"].tolist(), stored()["loss_vals"].tolist(), strict=True))
     for layer in range(1, 7):
