@@ -261,5 +261,5 @@ class PETR(nn.Module):
         target[:, :3, :3] = batch.bev_from_ego
         if self.config.released is None:
             return target
-        lidar_from_bev = torch.from_numpy(self.config.released.ego_from_lidar.inverse().matrix).to(target)
+        lidar_from_bev = torch.tensor(self.config.released.ego_from_lidar.inverse().matrix).to(target)
         return lidar_from_bev @ target

@@ -93,7 +93,7 @@ def convert_petr(
     for ours, name in names.items():
         if (found := tuple(released[name].shape)) != (wanted := tuple(expected[ours].shape)):
             raise ValueError(f"'{name}' has the shape {found} instead of {wanted}: the file is of another size of PETR")
-    return _rearranged({ours: released[name] for ours, name in names.items()}, source)
+    return _rearranged({ours: released[name].to(expected[ours].dtype) for ours, name in names.items()}, source)
 
 
 def box_rows(source: Source) -> tuple[list[int], list[float]]:
@@ -107,13 +107,17 @@ def box_rows(source: Source) -> tuple[list[int], list[float]]:
 
 def _rearranged(converted: dict[str, Tensor], source: Source) -> dict[str, Tensor]:
     weight, bias, first = "box_branch.4.weight", "box_branch.4.bias", "backbone.stem.0.0.weight"
+    sine = "camera_sine.mlp.0.weight"
     rows, signs = box_rows(source)
     sign = torch.tensor(signs)
+    # of camera, row and column the released code lists all sines, then all cosines; we let them alternate
+    of_three = converted[sine].flatten(1).unflatten(1, (3, 2, -1))
     return {
         **converted,
         weight: converted[weight][rows] * sign[:, None],
         bias: converted[bias][rows] * sign,
-        first: converted[first].flip(1).contiguous(),
+        first: converted[first].flip(1),
+        sine: of_three.transpose(2, 3).reshape(converted[sine].shape),
     }
 
 
