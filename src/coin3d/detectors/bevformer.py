@@ -1,0 +1,203 @@
+"""BEVFormer: image trunk -> neck -> bird's-eye-view queries that look into the images -> object queries that look into those.
+
+The top-down paradigm, layer by layer as spec detectors 2. Boxes and bird's-eye view are in the ego frame; history is optional
+and enters through ego poses only. The method of transfer enters through the hooks of ``Method`` only.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from coin3d.detectors.backbone import ImageBackbone
+from coin3d.detectors.batch import Batch
+from coin3d.detectors.bev_history import BevHistory, align_history
+from coin3d.detectors.bevformer_config import BEVFormerConfig
+from coin3d.detectors.bevformer_encoder import BevFormerEncoder, LearnedPosition
+from coin3d.detectors.deformable_attention import SamplingPlan
+from coin3d.detectors.method import Method
+from coin3d.detectors.neck import FeaturePyramid
+from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
+from coin3d.detectors.pillar_projection import cell_centres, image_from_bev, pillar_anchors, project_pillars
+from coin3d.detectors.query_boxes import decode_queries
+from coin3d.detectors.query_decoder import BevQueryDecoder
+from coin3d.detectors.query_losses import query_losses, query_targets
+from coin3d.detectors.released_bevformer import ReleasedParts
+from coin3d.detectors.spatial_cross_attention import VisibleQueries
+from coin3d.geometry import Boxes3D
+
+
+class BEVFormer(nn.Module):
+    """The detector.
+
+    Args:
+        config: sizes.
+        classes: names of the classes, in the order of the logits.
+        method: the method of transfer; it is attached to this detector and becomes part of its weights.
+    """
+
+    name = "bevformer"
+
+    def __init__(self, config: BEVFormerConfig, classes: tuple[str, ...], method: Method) -> None:
+        super().__init__()
+        self.config, self.classes, self.method = config, classes, method
+        self.backbone = ImageBackbone(
+            config.backbone, config.strides, method.extra_image_channels, config.pretrained, config.backbone_blocks
+        )
+        attached = [
+            method.attach(f"backbone_{stride}", channels, stride)
+            for stride, channels in zip(config.strides, self.backbone.channels, strict=True)
+        ]
+        self.neck = FeaturePyramid(attached, config.channels)
+        modulated_channels = method.attach("neck", config.channels, config.strides[0])
+        self.narrow = (
+            nn.Identity() if modulated_channels == config.channels else nn.Conv2d(modulated_channels, config.channels, 1)
+        )
+        self.bev_queries = nn.Parameter(torch.randn(config.grid.side**2, config.channels))
+        self.bev_position = LearnedPosition(config.grid.side, config.channels)
+        self.encoder = BevFormerEncoder(
+            config.encoder_layers,
+            config.channels,
+            config.heads,
+            config.temporal_points,
+            config.spatial_points,
+            config.hidden,
+            config.dropout,
+        )
+        self.decoder = BevQueryDecoder(
+            config.decoder_layers,
+            config.queries,
+            len(classes),
+            config.channels,
+            config.heads,
+            config.decoder_points,
+            config.hidden,
+            config.dropout,
+        )
+        self.released = ReleasedParts(config.released, config.grid, config.channels) if config.released else None
+        self.perspective = PerspectiveHead(modulated_channels, config.channels) if config.perspective_weight else None
+        _initialise(self.encoder)
+        _initialise(self.decoder)
+
+    def forward(
+        self,
+        batch: Batch,
+        previous_bev: Float[Tensor, "b q c"] | None = None,
+        previous_from_current: Float[Tensor, "b 4 4"] | None = None,
+        bus: Float[Tensor, "b 18"] | None = None,
+    ) -> dict[str, Tensor]:
+        """Predictions of L decoder layers for N object queries, and the bird's-eye view of Q cells, row by row.
+
+        Args:
+            batch: the present frames.
+            previous_bev: ``bev`` of the frames before, made with the same BEV augmentation; None for single frames.
+            previous_from_current: poses of the present ego frames in the previous ones; needed with ``previous_bev``.
+            bus: for released weights only, the vehicle's own numbers (see ``ReleasedBevFormer``) instead of what the
+                poses tell.
+
+        Returns:
+            ``class_logits`` (L, B, N, K); ``boxes`` (L, B, N, 10, see query_boxes) in the BEV frame; ``bev`` (B, Q, C); in
+            training, where it is supervised, ``perspective`` (M, 6, h, w).
+
+        Raises:
+            ValueError: history without motion, or bus numbers for a model that reads none.
+        """
+        neck_feature, bev_from_ego = self._neck_feature(batch), self._bev_from_ego(batch)
+        features: Tensor = self.narrow(neck_feature)
+        if self.released is None:
+            if bus is not None:
+                raise ValueError("only released weights read the vehicle's bus; give previous_from_current alone")
+            queries = self.bev_queries.expand(batch.num_samples, -1, -1)
+            history = self._history(previous_bev, previous_from_current, bev_from_ego)
+        else:
+            features = self.released.features(features, batch.sample_index)
+            queries, history = self.released.queries(
+                self.bev_queries, previous_bev, previous_from_current, bus, batch.num_samples
+            )
+        centres, visible = cell_centres(self.config.grid, features.device), self._visible(batch, bev_from_ego)
+        bev = self.encoder(queries, self.bev_position(), centres, features, visible, history)
+        class_logits, boxes = self.decoder(bev, self.config.box_space)
+        outputs = {"class_logits": class_logits, "boxes": boxes, "bev": bev}
+        if self.perspective is not None and self.training:
+            outputs["perspective"] = self.perspective(neck_feature)
+        return outputs
+
+    def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
+        """Weighted losses by name; their sum is what is minimised."""
+        if len(batch.boxes) != batch.num_samples:
+            raise ValueError(f"training needs boxes: {len(batch.boxes)} tables of them for {batch.num_samples} samples")
+        config, device = self.config, batch.images.device
+        outputs = self(batch)
+        targets = [query_targets(self._from_ego(boxes), self.classes, config.box_space).to(device) for boxes in batch.boxes]
+        with torch.autocast(device.type, enabled=False):
+            losses = query_losses(outputs["class_logits"], outputs["boxes"], targets, config.weights)
+            if "perspective" in outputs:
+                cells = perspective_batch_targets(batch, config.strides[0])
+                losses["perspective"] = config.perspective_weight * perspective_loss(outputs["perspective"], cells)
+        return losses
+
+    @torch.no_grad()
+    def detect(self, batch: Batch) -> list[Boxes3D]:
+        """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
+        outputs, config = self(batch), self.config
+        found = decode_queries(
+            outputs["class_logits"][-1],
+            outputs["boxes"][-1],
+            self.classes,
+            config.decode,
+            with_velocity=config.weights.velocity > 0,
+        )
+        return found if config.released is None else [b.transformed(config.released.ego_from_lidar) for b in found]
+
+    def _from_ego(self, boxes: Boxes3D) -> Boxes3D:
+        released = self.config.released
+        return boxes if released is None else boxes.transformed(released.ego_from_lidar.inverse())
+
+    def _neck_feature(self, batch: Batch) -> Float[Tensor, "m c h w"]:
+        method = self.method
+        context = method.prepare(batch.cameras)
+        features = self.backbone(method.image(batch.images, context))
+        modulated = [
+            method.modulate(f"backbone_{stride}", x, context) for stride, x in zip(self.config.strides, features, strict=True)
+        ]
+        return method.modulate("neck", self.neck(modulated), context)
+
+    def _bev_from_ego(self, batch: Batch) -> Float[Tensor, "b 4 4"]:
+        """The frame of the grid, float64: the augmented ego frame, or the LiDAR's for released weights."""
+        matrix = torch.eye(4, dtype=torch.float64, device=batch.images.device).repeat(batch.num_samples, 1, 1)
+        matrix[:, :3, :3] = batch.bev_from_ego.double()
+        if self.config.released is not None:
+            matrix = torch.from_numpy(self.config.released.ego_from_lidar.inverse().matrix.copy()).to(matrix) @ matrix
+        return matrix
+
+    def _history(
+        self,
+        previous_bev: Float[Tensor, "b q c"] | None,
+        previous_from_current: Float[Tensor, "b 4 4"] | None,
+        bev_from_ego: Float[Tensor, "b 4 4"],
+    ) -> BevHistory | None:
+        if previous_bev is None:
+            return None
+        if previous_from_current is None:
+            raise ValueError("previous_bev needs previous_from_current: how the ego vehicle moved since")
+        moved = bev_from_ego @ previous_from_current.double() @ torch.linalg.inv(bev_from_ego)
+        return align_history(previous_bev, moved, self.config.grid)
+
+    def _visible(self, batch: Batch, bev_from_ego: Float[Tensor, "b 4 4"]) -> VisibleQueries:
+        config, cameras = self.config, batch.cameras
+        first_pixel = 0.5 if config.released is None else config.released.first_pixel
+        projection = image_from_bev(cameras, bev_from_ego, batch.sample_index, first_pixel)
+        anchors = pillar_anchors(config.grid, config.anchor_heights_m, cameras.K.device)
+        views = project_pillars(anchors, projection, (cameras.height_px, cameras.width_px))
+        return VisibleQueries.of(views, batch.sample_index, batch.num_samples)
+
+
+def _initialise(transformer: nn.Module) -> None:
+    # Xavier for every matrix, then the sampling plans back to their own start, which must be looked at before it is learned
+    for module in transformer.modules():
+        if isinstance(module, nn.Linear):
+            nn.init.xavier_uniform_(module.weight)
+    for module in transformer.modules():
+        if isinstance(module, SamplingPlan):
+            module.reset_parameters()
