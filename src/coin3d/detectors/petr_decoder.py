@@ -74,7 +74,7 @@ def gather_samples(cells: Float[Tensor, "m c h w"], sample_index: Int[Tensor, "m
     """The image cells of each sample in a row (camera, row, column); samples with fewer cameras end in zeros."""
     tokens = cells.flatten(2).transpose(1, 2)
     counts = torch.bincount(sample_index, minlength=samples).tolist()
-    rows = [part.flatten(0, 1) for part in tokens.split(counts)]
+    rows = [part.flatten(0, 1) for part in torch.split(tokens, counts)]
     return torch.nn.utils.rnn.pad_sequence(rows, batch_first=True)
 
 

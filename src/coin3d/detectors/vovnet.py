@@ -54,7 +54,9 @@ class VoVNet99(nn.Module):
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight)
         if extra_channels:
-            self.stem[0][0] = widen_input(stem[0][0], extra_channels)
+            first = stem[0][0]
+            assert isinstance(first, nn.Conv2d)
+            stem[0][0] = widen_input(first, extra_channels)
 
     def forward(self, images: Float[Tensor, "m c h w"]) -> list[Tensor]:
         x = self.stem(images)
