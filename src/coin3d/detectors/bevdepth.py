@@ -13,7 +13,6 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
-from coin3d.augmentation import transform_boxes
 from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.bev_encoder import BevEncoder, residual_stage
@@ -25,7 +24,7 @@ from coin3d.detectors.depth_net import DepthNet
 from coin3d.detectors.lift_splat import BevGrid, DepthBins, LiftSplat
 from coin3d.detectors.method import Method
 from coin3d.detectors.neck import FeaturePyramid
-from coin3d.detectors.perspective import PerspectiveHead, PerspectiveTargets, perspective_loss, perspective_targets
+from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
 from coin3d.detectors.released_lift import ReleasedLiftSplat
 from coin3d.geometry import Boxes3D
 from coin3d.geometry.camera_tensors import CameraTensors
@@ -261,13 +260,9 @@ class BEVDepth(nn.Module):
             losses = center_losses(outputs, targets.to(device))
             losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.strides[0])
             if perspective is not None:
-                losses["perspective"] = config.perspective_weight * perspective_loss(perspective, self._perspective(batch))
+                cells = perspective_batch_targets(batch, config.strides[0])
+                losses["perspective"] = config.perspective_weight * perspective_loss(perspective, cells)
         return losses
-
-    def _perspective(self, batch: Batch) -> PerspectiveTargets:
-        ego_from_bev = torch.linalg.inv(batch.bev_from_ego).cpu().double().numpy()
-        in_ego = [transform_boxes(boxes, t) for boxes, t in zip(batch.boxes, ego_from_bev, strict=True)]
-        return perspective_targets([in_ego[i] for i in batch.sample_index.tolist()], batch.cameras, self.config.strides[0])
 
     @torch.no_grad()
     def detect(self, batch: Batch) -> list[Boxes3D]:
