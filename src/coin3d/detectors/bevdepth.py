@@ -21,9 +21,9 @@ from coin3d.detectors.center_decode import DecodeOptions, decode_centers
 from coin3d.detectors.center_head import CenterHead
 from coin3d.detectors.center_targets import center_losses, center_targets
 from coin3d.detectors.depth_net import DepthNet
+from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.lift_splat import BevGrid, DepthBins, LiftSplat
 from coin3d.detectors.method import Method
-from coin3d.detectors.neck import FeaturePyramid
 from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
 from coin3d.detectors.released_lift import ReleasedLiftSplat
 from coin3d.geometry import Boxes3D
@@ -170,12 +170,7 @@ class BEVDepth(nn.Module):
         self.backbone = ImageBackbone(
             config.backbone, config.strides, method.extra_image_channels, config.pretrained, config.backbone_blocks
         )
-        attached = [
-            method.attach(f"backbone_{stride}", channels, stride)
-            for stride, channels in zip(config.strides, self.backbone.channels, strict=True)
-        ]
-        self.neck = FeaturePyramid(attached, config.neck_channels)
-        modulated_channels = method.attach("neck", config.neck_channels, config.strides[0])
+        self.neck, modulated_channels = attach_neck(method, self.backbone, config.strides, config.neck_channels)
         self.depth_net = DepthNet(
             modulated_channels,
             config.depth_channels,
@@ -211,14 +206,8 @@ class BEVDepth(nn.Module):
             batch: images, and cameras as the method sees them.
             lift_cameras: where the features are lifted from.
         """
-        cameras, method = batch.cameras, self.method
-        context = method.prepare(cameras)
-        features = self.backbone(method.image(batch.images, context))
-        modulated = [
-            method.modulate(f"backbone_{stride}", x, context) for stride, x in zip(self.config.strides, features, strict=True)
-        ]
-        feature = method.modulate("neck", self.neck(modulated), context)
-        vector = method.camera_vector(cameras, batch.bev_from_ego[batch.sample_index], context)
+        feature, context = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
+        vector = self.method.camera_vector(batch.cameras, batch.bev_from_ego[batch.sample_index], context)
         depth_logits, lifted = self.depth_net(feature, vector)
         depth_logits = depth_logits.float()  # a softmax over many bins collapses in half precision
         depth = depth_logits.softmax(dim=1)

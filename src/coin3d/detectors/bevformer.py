@@ -16,8 +16,8 @@ from coin3d.detectors.bev_history import BevHistory, align_history
 from coin3d.detectors.bevformer_config import BEVFormerConfig
 from coin3d.detectors.bevformer_encoder import BevFormerEncoder, LearnedPosition
 from coin3d.detectors.deformable_attention import SamplingPlan
+from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
-from coin3d.detectors.neck import FeaturePyramid
 from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
 from coin3d.detectors.pillar_projection import cell_centres, image_from_bev, pillar_anchors, project_pillars
 from coin3d.detectors.query_boxes import decode_queries
@@ -45,12 +45,7 @@ class BEVFormer(nn.Module):
         self.backbone = ImageBackbone(
             config.backbone, config.strides, method.extra_image_channels, config.pretrained, config.backbone_blocks
         )
-        attached = [
-            method.attach(f"backbone_{stride}", channels, stride)
-            for stride, channels in zip(config.strides, self.backbone.channels, strict=True)
-        ]
-        self.neck = FeaturePyramid(attached, config.channels)
-        modulated_channels = method.attach("neck", config.channels, config.strides[0])
+        self.neck, modulated_channels = attach_neck(method, self.backbone, config.strides, config.channels)
         self.narrow = (
             nn.Identity() if modulated_channels == config.channels else nn.Conv2d(modulated_channels, config.channels, 1)
         )
@@ -103,7 +98,8 @@ class BEVFormer(nn.Module):
         Raises:
             ValueError: history without motion, or bus numbers for a model that reads none.
         """
-        neck_feature, bev_from_ego = self._neck_feature(batch), self._bev_from_ego(batch)
+        neck_feature, _ = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
+        bev_from_ego = self._bev_from_ego(batch)
         features: Tensor = self.narrow(neck_feature)
         if self.released is None:
             if bus is not None:
@@ -153,15 +149,6 @@ class BEVFormer(nn.Module):
     def _from_ego(self, boxes: Boxes3D) -> Boxes3D:
         released = self.config.released
         return boxes if released is None else boxes.transformed(released.ego_from_lidar.inverse())
-
-    def _neck_feature(self, batch: Batch) -> Float[Tensor, "m c h w"]:
-        method = self.method
-        context = method.prepare(batch.cameras)
-        features = self.backbone(method.image(batch.images, context))
-        modulated = [
-            method.modulate(f"backbone_{stride}", x, context) for stride, x in zip(self.config.strides, features, strict=True)
-        ]
-        return method.modulate("neck", self.neck(modulated), context)
 
     def _bev_from_ego(self, batch: Batch) -> Float[Tensor, "b 4 4"]:
         """The frame of the grid, float64: the augmented ego frame, or the LiDAR's for released weights."""

@@ -15,8 +15,8 @@ from torch import Tensor, nn
 
 from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
+from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
-from coin3d.detectors.neck import FeaturePyramid
 from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
 from coin3d.detectors.petr_decoder import QueryDecoder, gather_samples, sample_padding
 from coin3d.detectors.position_embedding_3d import CameraSineEmbedding, PositionEmbedding3D, RayPoints, sine_code
@@ -150,12 +150,7 @@ class PETR(nn.Module):
             self.backbone = ImageBackbone(
                 config.backbone, config.strides, method.extra_image_channels, config.pretrained, config.backbone_blocks
             )
-        attached = [
-            method.attach(f"backbone_{stride}", channels, stride)
-            for stride, channels in zip(config.strides, self.backbone.channels, strict=True)
-        ]
-        self.neck = FeaturePyramid(attached, config.neck_channels)
-        modulated_channels = method.attach("neck", config.neck_channels, config.strides[0])
+        self.neck, modulated_channels = attach_neck(method, self.backbone, config.strides, config.neck_channels)
         width, released = config.channels, config.released
         self.input_proj = nn.Conv2d(modulated_channels, width, 1)
         self.rays = PositionEmbedding3D(
@@ -190,15 +185,9 @@ class PETR(nn.Module):
 
         In training, where it is supervised, also ``perspective`` (M, 6, h, w).
         """
-        cameras, method = batch.cameras, self.method
-        context = method.prepare(cameras)
-        features = self.backbone(method.image(batch.images, context))
-        modulated = [
-            method.modulate(f"backbone_{stride}", x, context) for stride, x in zip(self.config.strides, features, strict=True)
-        ]
-        feature = method.modulate("neck", self.neck(modulated), context)
+        feature, _ = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
         h, w = feature.shape[-2:]
-        position = self.rays(cameras, self._target_from_ego(batch)[batch.sample_index])
+        position = self.rays(batch.cameras, self._target_from_ego(batch)[batch.sample_index])
         if self.camera_sine is not None:
             position = position + self.camera_sine(batch.sample_index, h, w)
         memory, memory_position = (
