@@ -23,6 +23,21 @@ def test_singular_vectors_stay_and_singular_values_become_about_one(shape: tuple
     torch.testing.assert_close(turned - torch.diag(turned.diagonal()), torch.zeros_like(turned), atol=1e-6, rtol=0)
 
 
+@pytest.mark.parametrize("shape", [(16, 144), (144, 16)])
+def test_equals_the_iteration_written_out(shape: tuple[int, int]) -> None:
+    """Jordan et al.: X <- a X + (b A + c A A) X with A = X X^T, five times, in double precision."""
+    matrix = torch.randn(shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64) @ torch.diag(
+        torch.logspace(0, -5, shape[1], dtype=torch.float64)
+    )
+    x = (matrix if shape[0] <= shape[1] else matrix.T) / matrix.norm()
+    for _ in range(5):
+        gram = x @ x.T
+        x = 3.4445 * x - 4.7750 * gram @ x + 2.0315 * gram @ gram @ x
+    expected = x if shape[0] <= shape[1] else x.T
+    torch.testing.assert_close(orthogonalised(matrix), expected, atol=1e-6, rtol=1e-6)
+    torch.testing.assert_close(orthogonalised(matrix.float()), expected.float(), atol=1e-5, rtol=0)
+
+
 def test_a_zero_gradient_moves_nothing_but_the_decay() -> None:
     weight = nn.Parameter(torch.ones(4, 4, 1, 1))
     weight.grad = torch.zeros_like(weight)

@@ -18,7 +18,7 @@ from coin3d.detectors.batch import Batch
 from coin3d.detectors.bev_encoder import BevEncoder, residual_stage
 from coin3d.detectors.bev_warp import warp_bev
 from coin3d.detectors.center_decode import DecodeOptions, decode_centers
-from coin3d.detectors.center_head import CenterHead
+from coin3d.detectors.center_head import CenterHead, HeadingFrom
 from coin3d.detectors.center_targets import center_losses, center_targets
 from coin3d.detectors.depth_net import DepthNet
 from coin3d.detectors.image_feature import attach_neck, image_feature
@@ -59,6 +59,8 @@ class BEVDepthConfig:
         head_stride: cells of the grid per cell of the head, 1 or 2.
         head_channels: width of the head.
         min_radius_cells: smallest heat-map peak.
+        heading_from: what the head counts headings from. ``ego`` (as released) has to be learned anew for every direction
+            a camera can look in; ``ray`` is what an image shows, and holds for directions no camera looked in before.
         perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
         decode: how boxes are read off.
         released: geometry of the released code, for its weights only.
@@ -86,6 +88,7 @@ class BEVDepthConfig:
     head_stride: int = 1
     head_channels: int = 64
     min_radius_cells: int = 2
+    heading_from: HeadingFrom = "ego"
     perspective_weight: float = 0.0
     decode: DecodeOptions = field(default_factory=DecodeOptions)
     released: ReleasedConventions | None = None
@@ -148,6 +151,7 @@ class BEVDepthConfig:
             head_stride=2,
             head_channels=32,
             min_radius_cells=1,
+            heading_from="ray",
             perspective_weight=1.0,
             decode=DecodeOptions(min_score=0.05),
         )
@@ -244,7 +248,13 @@ class BEVDepth(nn.Module):
         config, device = self.config, batch.images.device
         outputs = self(batch)
         depth_logits, perspective = outputs.pop("depth_logits"), outputs.pop("perspective", None)
-        targets = center_targets(batch.boxes, self.classes, config.head_grid, min_radius_cells=config.min_radius_cells)
+        targets = center_targets(
+            batch.boxes,
+            self.classes,
+            config.head_grid,
+            min_radius_cells=config.min_radius_cells,
+            heading_from=config.heading_from,
+        )
         with torch.autocast(device.type, enabled=False):  # CUDA refuses this cross-entropy in half precision
             losses = center_losses(outputs, targets.to(device))
             losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.strides[0])
@@ -257,7 +267,8 @@ class BEVDepth(nn.Module):
     def detect(self, batch: Batch) -> list[Boxes3D]:
         """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
         outputs = self(batch)
-        return decode_centers(outputs, self.classes, self.config.head_grid, self.config.decode)
+        config = self.config
+        return decode_centers(outputs, self.classes, config.head_grid, config.decode, config.heading_from)
 
 
 def depth_loss(

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from coin3d.detectors.center_head import REGRESSIONS
+from coin3d.detectors.center_head import REGRESSIONS, HeadingFrom
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.geometry import Boxes3D
 
@@ -56,6 +56,7 @@ def center_targets(
     *,
     min_radius_cells: int = 2,
     min_overlap: float = 0.1,
+    heading_from: HeadingFrom = "ego",
 ) -> CenterTargets:
     """Encode the ground truth of B samples; boxes outside the grid or of other classes are left out."""
     side = grid.side
@@ -72,6 +73,8 @@ def center_targets(
             _draw_peak(heatmap[b, list(classes).index(str(table.labels[i]))], x, y, radius)
             offset = place[i] - (x, y)
             yaw = table.yaw_rad[i]
+            if heading_from == "ray":
+                yaw = yaw - np.arctan2(table.centre_m[i, 1], table.centre_m[i, 0])
             samples.append(b)
             cells.append(y * side + x)
             values.append([*offset, table.centre_m[i, 2], *np.log(table.size_m[i]), np.sin(yaw), np.cos(yaw)])

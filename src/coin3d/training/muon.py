@@ -22,9 +22,16 @@ def orthogonalised(matrix: Float[Tensor, "r c"], steps: int = 5) -> Float[Tensor
     a, b, c = _QUINTIC
     wide = matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T
     x = wide / (wide.norm() + 1e-7)
+    # every step multiplies x from the left by a polynomial of its Gram matrix, and these all commute: they can be
+    # gathered in the Gram matrix's own size, a ninth of the weight's or less
+    gram = x @ x.T
+    one = torch.eye(len(gram), dtype=gram.dtype, device=gram.device)
+    gathered = one
     for _ in range(steps):
-        gram = x @ x.T
-        x = a * x + (b * gram + c * gram @ gram) @ x
+        factor = a * one + b * gram + c * gram @ gram
+        gathered = factor @ gathered
+        gram = factor @ gram @ factor
+    x = gathered @ x
     result: Tensor = x if matrix.shape[0] <= matrix.shape[1] else x.T
     return result
 
