@@ -9,11 +9,18 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 GREY, BLUE, ORANGE = "#e8eaed", "#d2e3fc", "#fbbc04"
+SHARED = ("images", "ResNet", "pyramid", "SFM")
 ROWS = (
-    ("BEVDepth\nbottom-up", ("images", "ResNet", "pyramid", "SFM", "depth net", "lift-splat\nto BEV", "BEV encoder", "heat map\nof centres")),
-    ("BEVFormer\ntop-down", ("images", "ResNet", "pyramid", "SFM", "spatial\ncross-attention", "BEV queries\nand history", "decoder of\nobject queries", "boxes")),
-    ("PETR\nsparse queries", ("images", "V2-99 or\nResNet", "pyramid", "SFM", "cells with\n3D position", "decoder of\nobject queries", "boxes")),
-)  # fmt: skip
+    ("BEVDepth\nbottom-up", (*SHARED, "depth net", "lift-splat\nto BEV", "BEV encoder", "heat map\nof centres")),
+    (
+        "BEVFormer\ntop-down",
+        (*SHARED, "spatial\ncross-attention", "BEV queries\nand history", "decoder of\nobject queries", "boxes"),
+    ),
+    (
+        "PETR\nsparse queries",
+        ("images", "V2-99 or\nResNet", *SHARED[2:], "cells with\n3D position", "decoder of\nobject queries", "boxes"),
+    ),
+)
 ALSO = {1: "maps as\nchannels", 2: "placement\nreleased"}
 """Column -> how the maps enter before it: beside RGB always, as SFM of each backbone level with placement = released."""
 WIDTH, HEIGHT, STEP, ROW = 1.5, 0.72, 1.85, 1.85
@@ -24,7 +31,9 @@ def box(axes: Axes, column: int, y: float, text: str) -> None:
     colour = ORANGE if text == "SFM" else GREY if column < 3 else BLUE
     x = column * STEP
     axes.add_patch(
-        FancyBboxPatch((x - WIDTH / 2, y - HEIGHT / 2), WIDTH, HEIGHT, boxstyle="round,pad=0.03", fc=colour, ec="#5f6368", lw=0.8)
+        FancyBboxPatch(
+            (x - WIDTH / 2, y - HEIGHT / 2), WIDTH, HEIGHT, boxstyle="round,pad=0.03", fc=colour, ec="#5f6368", lw=0.8
+        )
     )
     axes.text(x, y, text, ha="center", va="center", fontsize=9, weight="bold" if text == "SFM" else "normal")
 
