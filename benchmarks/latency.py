@@ -2,10 +2,10 @@
 
     python benchmarks/latency.py --out results/benchmarks/latency.json
 
-Each figure is the median of forward passes of one frame after one that is not counted, in a process of its own, so that peak
-memory is that of one detector alone. Everything that depends on the rig alone is then remembered. Weights are random: they change
-neither. SFM on and off take turns within the same process, so that a slow moment meets both. ``cold`` is the first pass, in which
-the rig is new. Boxes are not read off.
+Each row is a process of its own and tells the median of forward passes of one frame, after a first one (``cold``) in which the
+rig is new; afterwards everything that depends on the rig alone is remembered. SFM off and on take turns, so that a slow moment
+meets both. Peak memory is that of the process after its first pass without SFM. Weights are random, which changes neither time
+nor memory; boxes are not read off.
 """
 
 from __future__ import annotations
@@ -51,13 +51,15 @@ def measure(detector: str, rig: str, precision: str, repetitions: int) -> dict[s
     seconds: dict[str, list[float]] = {"none": [], "coin3d": []}
     torch.manual_seed(0)
     options = {"none": METHODS["none"][0](), "coin3d": CoIn3DOptions(placement="paper")}
-    models = {method: make(config, ("car",), METHODS[method][1](options[method])).eval() for method in seconds}
-    peak = {}
+    models: dict[str, Any] = {}
+    peak: dict[str, float] = {}
     with torch.no_grad(), torch.autocast("cpu", dtype=torch.bfloat16, enabled=precision == "bfloat16"):
         for _ in range(1 + repetitions):
-            for method, model in models.items():
+            for method in seconds:
+                if method not in models:
+                    models[method] = make(config, ("car",), METHODS[method][1](options[method])).eval()
                 began = time.perf_counter()
-                model(batch)
+                models[method](batch)
                 seconds[method].append(time.perf_counter() - began)
                 peak.setdefault(method, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3)
     cold = {method: times.pop(0) for method, times in seconds.items()}
