@@ -182,8 +182,9 @@ def test_frames_before_are_drawn_like_the_latest() -> None:
 
 def test_a_half_turn_tells_the_same_story_in_another_frame() -> None:
     """Depth maps stay, what was ahead is behind, and points stay in their boxes and boxes in their images."""
-    f = replace(frame(2, tilted(ring_rig(3))), previous="frame1")
-    before = replace(frame(1, ring_rig(3)), world_from_ego=Pose.from_euler(0.1, 0, 0, (-4.0, 0, 0)))
+    ahead = Rig({name: camera for name, camera in ring_rig(8).items() if name in ("eye0", "eye1", "eye7")})
+    f = replace(frame(2, tilted(ahead)), previous="frame1")
+    before = replace(frame(1, ahead), world_from_ego=Pose.from_euler(0.1, 0, 0, (-4.0, 0, 0)))
     recording = MemoryRecording([before, f])
     plain, turned = (
         TrainingSamples([recording], BOTH, SIZE_PX, replace(STILL, half_turn_probability=p), None, 0, 9, frames=2)
@@ -207,6 +208,13 @@ def test_a_half_turn_tells_the_same_story_in_another_frame() -> None:
             drawn.previous.cameras[0].project(earlier)[0],
             before.rig["eye0"].project((before.world_from_ego.inverse() @ f.world_from_ego).apply(point))[0],
         )
+
+
+def test_rigs_that_see_behind_are_never_turned() -> None:
+    frames = [frame(i, ring_rig(4)) for i in range(3)]
+    augment = AugmentOptions(cameras_per_sample=2)
+    plain, same = samples(frames, augment), samples(frames, replace(augment, half_turn_probability=1.0))
+    assert all(equal(plain[n], same[n]) for n in range(6))
 
 
 def tilted(rig: Rig) -> Rig:

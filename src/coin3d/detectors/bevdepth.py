@@ -60,7 +60,6 @@ class BEVDepthConfig:
         head_stride: cells of the grid per cell of the head, 1 or 2.
         head_channels: width of the head.
         min_radius_cells: smallest heat-map peak.
-        heading_share: factor on the weight of the heading within the box losses, 1 as released.
         perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
         decode: how boxes are read off.
         released: geometry of the released code, for its weights only.
@@ -88,7 +87,6 @@ class BEVDepthConfig:
     head_stride: int = 1
     head_channels: int = 64
     min_radius_cells: int = 2
-    heading_share: float = 1.0
     perspective_weight: float = 0.0
     decode: DecodeOptions = field(default_factory=DecodeOptions)
     released: ReleasedConventions | None = None
@@ -151,7 +149,6 @@ class BEVDepthConfig:
             head_stride=2,
             head_channels=32,
             min_radius_cells=1,
-            heading_share=2.0,
             perspective_weight=1.0,
             decode=DecodeOptions(min_score=0.05),
         )
@@ -251,7 +248,7 @@ class BEVDepth(Detector):
         depth_logits, perspective = outputs.pop("depth_logits"), outputs.pop("perspective", None)
         targets = center_targets(batch.boxes, self.classes, config.head_grid, min_radius_cells=config.min_radius_cells)
         with torch.autocast(device.type, enabled=False):  # CUDA refuses this cross-entropy in half precision
-            losses = center_losses(outputs, targets.to(device), heading_share=config.heading_share)
+            losses = center_losses(outputs, targets.to(device))
             losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.strides[0])
             if perspective is not None:
                 cells = perspective_batch_targets(batch, config.strides[0])

@@ -108,18 +108,13 @@ def center_losses(
     *,
     heatmap_weight: float = 6.0,
     box_weight: float = 1.5,
-    heading_share: float = 1.0,
 ) -> dict[str, Float[Tensor, ""]]:
-    """Focal loss of the heat map and an L1 loss per regression, each averaged over its objects.
-
-    ``heading_share`` is a factor on the weight of the heading.
-    """
+    """Focal loss of the heat map and an L1 loss per regression, each averaged over its objects."""
     losses = {"heatmap": heatmap_weight * focal_loss(outputs["heatmap"], targets.heatmap)}
     start = 0
     for name, channels in REGRESSIONS.items():
         wanted = targets.values[:, start : start + channels]
         start += channels
         at_objects = outputs[name].flatten(2)[targets.sample, :, targets.cell]
-        weight = box_weight * (heading_share if name == "heading" else 1.0)
-        losses[name] = weight * (at_objects - wanted).abs().sum() / (len(wanted) + 1e-4)
+        losses[name] = box_weight * (at_objects - wanted).abs().sum() / (len(wanted) + 1e-4)
     return losses

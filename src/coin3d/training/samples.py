@@ -22,8 +22,9 @@ from coin3d.datasets.classes import ClassMap
 from coin3d.datasets.frame import Frame, Recording
 from coin3d.datasets.frames_before import FramesBefore
 from coin3d.detectors.inputs import Sample, lidar_depth, with_earlier
-from coin3d.geometry import Boxes3D, Camera, GroundPlane, Pose, fit_width
+from coin3d.geometry import Boxes3D, Camera, GroundPlane, Pose, Rig, fit_width
 
+_BEHIND_M = np.array([-50.0, 0.0, 1.0])
 _HALF_TURN = Pose.from_euler(np.pi, 0.0, 0.0, np.zeros(3))
 
 
@@ -35,8 +36,8 @@ class AugmentOptions:
         image: mirrors and turns of images.
         bev: turns, scales and mirrors of the ground plane.
         cameras_per_sample: train on this many randomly chosen cameras of each frame; 0 means all.
-        half_turn_probability: chance that a sample is told in an ego frame that is turned by 180 degrees, cameras, points,
-            boxes and all: a rig that looks ahead then also teaches what it is to look back.
+        half_turn_probability: chance that a sample of a rig that does not see behind is told in an ego frame that is turned by
+            180 degrees, cameras, points, boxes and all, and so teaches what it is to look back.
         keep_unseen_boxes: also ask for boxes that no camera of the sample sees, as the released code does.
     """
 
@@ -112,7 +113,7 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         again = [copy.deepcopy(rng) for _ in earlier]
         views = self._views(frame, rng)
         bev_from_ego = self.augment.bev.draw(rng)
-        turn = _HALF_TURN if rng.random() < self.augment.half_turn_probability else Pose.identity()
+        turn = self._turn(frame.rig, rng)
         cameras = _turned_cameras(views, turn)
         points_ego = turn.apply(frame.lidar.load().points_ego)
         boxes = self.class_map.apply(frame.boxes).transformed(turn)
@@ -127,6 +128,10 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         )
         before = [self._unlabelled(f, bev_from_ego, turn, same) for f, same in zip(earlier, again, strict=True)]
         return with_earlier(sample, _turned_frame(frame, turn), [_turned_frame(f, turn) for f in earlier], before)
+
+    def _turn(self, rig: Rig, rng: np.random.Generator) -> Pose:
+        sees_behind = bool(rig.sees(_BEHIND_M))
+        return Pose.identity() if sees_behind or rng.random() >= self.augment.half_turn_probability else _HALF_TURN
 
     def _unlabelled(self, frame: Frame, bev_from_ego: Float[np.ndarray, "3 3"], turn: Pose, rng: np.random.Generator) -> Sample:
         views = self._views(frame, rng)
