@@ -14,7 +14,7 @@ from coin3d.detectors.bevdepth_config import MegviiVariant
 from coin3d.detectors.released_image import swapped
 from coin3d.detectors.task_decode import TaskDecodeOptions
 from coin3d.detectors.task_heads import TASK_REGRESSIONS
-from coin3d.methods import DirectOptions
+from coin3d.methods import METHODS, DirectOptions
 from coin3d.methods.released_camera_numbers import ReleasedCameraNumbers
 from coin3d.priors.released import ReleasedConventions
 from coin3d.records import from_plain, to_plain
@@ -29,9 +29,9 @@ SMALL = replace(
 )
 
 
-def fresh(depth_aggregation: bool = True, **changed: object) -> BEVDepth:
+def fresh(depth_aggregation: bool = True) -> BEVDepth:
     assert SMALL.megvii is not None
-    config = replace(SMALL, megvii=replace(SMALL.megvii, depth_aggregation=depth_aggregation), **changed)
+    config = replace(SMALL, megvii=replace(SMALL.megvii, depth_aggregation=depth_aggregation))
     return detector("direct", DirectOptions(released=ReleasedCameraNumbers()), config=config)
 
 
@@ -91,6 +91,14 @@ def test_the_frame_before_is_gated_by_the_cameras_of_this_one() -> None:
     fewer = batch(sample(5, ring_rig(2)), sample(6, ring_rig(2)))
     with pytest.raises(ValueError, match="same cameras in both frames"):
         model()(replace(both, previous=fewer))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_plugs_in(method: str) -> None:
+    plugged = detector(method, config=replace(SMALL, frames=1)).eval()
+    with torch.no_grad():
+        outputs = plugged(batch(sample(0, ring_rig(2))))
+    assert outputs["heatmap"].shape == (1, 2, 32, 32) and outputs["velocity"].shape == (1, 4, 32, 32)
 
 
 def test_images_are_turned_as_released() -> None:

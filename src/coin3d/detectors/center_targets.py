@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import torch
@@ -75,12 +76,13 @@ def center_targets(
         single_precision: places are rounded as in the released code, which moves a centre on the border of two cells into
             the other one now and then.
     """
-    kind = np.float32 if single_precision else np.float64
+    kind: type[Any] = np.float32 if single_precision else np.float64
+    half_extent_m, cell_m = kind(grid.half_extent_m), kind(grid.cell_m)
     side = grid.side
     heatmap = np.zeros((len(boxes), len(classes), side, side), dtype=np.float32)
     samples, cells, values, kinds, velocities = [], [], [], [], []
     for b, table in enumerate(boxes):
-        place = (table.centre_m[:, :2].astype(kind) + kind(grid.half_extent_m)) / kind(grid.cell_m)
+        place = (table.centre_m[:, :2].astype(kind) + half_extent_m) / cell_m
         for i in range(min(len(table), _MAX_OBJECTS)):
             x, y = np.floor(place[i]).astype(int)
             if table.labels[i] not in classes or not (0 <= x < side and 0 <= y < side):
