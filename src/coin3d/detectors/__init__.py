@@ -1,7 +1,8 @@
 """Detectors: each is one file, built from the parts beside it, and reached by methods through ``method.Method`` only."""
 
 from coin3d.detectors.batch import Batch
-from coin3d.detectors.bevdepth import BEVDepth, BEVDepthConfig
+from coin3d.detectors.bevdepth import BEVDepth
+from coin3d.detectors.bevdepth_config import BEVDepthConfig
 from coin3d.detectors.bevformer import BEVFormer
 from coin3d.detectors.bevformer_config import BEVFormerConfig
 from coin3d.detectors.detector import Detector

@@ -12,8 +12,9 @@ from torch import Tensor
 from coin3d.geometry import Boxes3D
 from coin3d.geometry.camera_tensors import CameraTensors
 
-_MEAN = (0.485, 0.456, 0.406)
-_STD = (0.229, 0.224, 0.225)
+IMAGE_MEAN = (0.485, 0.456, 0.406)
+IMAGE_STD = (0.229, 0.224, 0.225)
+"""ImageNet's, for red, green and blue in 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,4 +87,4 @@ class Batch:
 def normalise_image(image: UInt8[np.ndarray, "h w 3"]) -> Float[Tensor, "3 h w"]:
     """RGB bytes to the network's range (ImageNet mean and standard deviation)."""
     scaled = torch.from_numpy(np.ascontiguousarray(image)).permute(2, 0, 1).float() / 255
-    return (scaled - torch.tensor(_MEAN)[:, None, None]) / torch.tensor(_STD)[:, None, None]
+    return (scaled - torch.tensor(IMAGE_MEAN)[:, None, None]) / torch.tensor(IMAGE_STD)[:, None, None]

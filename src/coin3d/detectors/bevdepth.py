@@ -1,12 +1,12 @@
 """BEVDepth: image trunk -> neck -> depth net -> lift-splat -> BEV encoder -> CenterPoint head.
 
-Layer by layer as spec official_code 1.2-1.6. The method of transfer enters through the hooks of ``Method`` only.
+Layer by layer as spec official_code 1.2-1.6, or, where the configuration has its ``megvii``, as spec detectors 1. The method of
+transfer enters through the hooks of ``Method`` only.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
@@ -15,143 +15,29 @@ from torch import Tensor
 from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.bev_encoder import BevEncoder, residual_stage
+from coin3d.detectors.bev_resnet import BevResNet
 from coin3d.detectors.bev_warp import warp_bev
-from coin3d.detectors.center_decode import DecodeOptions, decode_centers
+from coin3d.detectors.bevdepth_config import BEVDepthConfig
+from coin3d.detectors.center_decode import decode_centers
 from coin3d.detectors.center_head import CenterHead
 from coin3d.detectors.center_targets import center_losses, center_targets
+from coin3d.detectors.depth_aggregation import DepthAggregation
 from coin3d.detectors.depth_loss import depth_loss
 from coin3d.detectors.depth_net import DepthNet
 from coin3d.detectors.detector import Detector
-from coin3d.detectors.image_feature import attach_neck, image_feature
-from coin3d.detectors.lift_splat import BevGrid, DepthBins, LiftSplat
+from coin3d.detectors.image_feature import attach_levels, attach_neck, image_feature
+from coin3d.detectors.lift_splat import LiftSplat
 from coin3d.detectors.method import Method
+from coin3d.detectors.neck import FeaturePyramid
 from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
+from coin3d.detectors.released_image import swapped
 from coin3d.detectors.released_lift import ReleasedLiftSplat
+from coin3d.detectors.second_fpn import SecondFPN
+from coin3d.detectors.task_decode import decode_tasks
+from coin3d.detectors.task_heads import TaskHeads
+from coin3d.detectors.task_losses import task_losses
 from coin3d.geometry import Boxes3D
 from coin3d.geometry.camera_tensors import CameraTensors
-from coin3d.priors.released import ReleasedConventions
-
-
-@dataclass(frozen=True)
-class BEVDepthConfig:
-    """Sizes of the network; the defaults are the paper's (R50, 704 wide, spec official_code 1).
-
-    Args:
-        image_width_px: images are resized to this width.
-        image_height_px: and the bottom rows kept.
-        backbone: a timm ResNet.
-        backbone_blocks: residual blocks per stage, if not the named network's own.
-        pretrained: start the backbone from ImageNet weights (needs a download).
-        strides: image feature levels, finest first; depth is estimated at the finest.
-        neck_channels: channels after the neck.
-        depth_channels: width of the depth net.
-        depth_blocks: residual blocks of the depth net.
-        aspp_channels: width of each dilated branch.
-        depth_dropout: dropout behind them.
-        context_channels: channels lifted to BEV (into each height slab of the grid).
-        frames: 2 looks at the frame before as well (without gradients).
-        frame_blocks: residual blocks on each frame's BEV before the frames are put together.
-        previous_by: how the frame before gets to the place of this one: ``pose`` lifts it from where its cameras were;
-            ``warp`` lifts it as if they were where they are now and moves the BEV, as the released code does in tests.
-        bins: depth bins.
-        grid: bird's-eye-view grid.
-        bev_stages: channels of the BEV encoder.
-        bev_channels: channels the head reads.
-        head_stride: cells of the grid per cell of the head, 1 or 2.
-        head_channels: width of the head.
-        min_radius_cells: smallest heat-map peak.
-        perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
-        decode: how boxes are read off.
-        released: geometry of the released code, for its weights only.
-    """
-
-    image_width_px: int = 704
-    image_height_px: int = 384
-    backbone: str = "resnet50"
-    backbone_blocks: tuple[int, ...] = ()
-    pretrained: bool = False
-    strides: tuple[int, ...] = (16, 32)
-    neck_channels: int = 512
-    depth_channels: int = 512
-    depth_blocks: int = 3
-    aspp_channels: int = 96
-    depth_dropout: float = 0.5
-    context_channels: int = 80
-    frames: int = 1
-    frame_blocks: int = 0
-    previous_by: Literal["pose", "warp"] = "pose"
-    bins: DepthBins = field(default_factory=DepthBins)
-    grid: BevGrid = field(default_factory=BevGrid)
-    bev_stages: tuple[int, ...] = (160, 320, 640)
-    bev_channels: int = 256
-    head_stride: int = 1
-    head_channels: int = 64
-    min_radius_cells: int = 2
-    perspective_weight: float = 0.0
-    decode: DecodeOptions = field(default_factory=DecodeOptions)
-    released: ReleasedConventions | None = None
-
-    def __post_init__(self) -> None:
-        coarsest = max(self.strides)
-        if self.image_width_px % coarsest or self.image_height_px % coarsest:
-            raise ValueError(f"the input of {self.image_width_px} x {self.image_height_px} is not a multiple of {coarsest}")
-        if self.grid.side % 8:
-            raise ValueError(f"the BEV grid has {self.grid.side} cells a side; the encoder needs a multiple of 8")
-        if self.frames not in (1, 2):
-            raise ValueError(f"frames is 1 or 2, got {self.frames}")
-        if self.head_stride not in (1, 2):
-            raise ValueError(f"head_stride is 1 or 2, got {self.head_stride}")
-
-    @property
-    def head_grid(self) -> BevGrid:
-        """The cells of the heat map."""
-        return replace(self.grid, cell_m=self.grid.cell_m * self.head_stride)
-
-    @classmethod
-    def paper(cls) -> BEVDepthConfig:
-        """ResNet-50 at 704 x 384, the size of the paper's tables."""
-        return cls()
-
-    @classmethod
-    def small(cls) -> BEVDepthConfig:
-        """ResNet-34 at 480 x 192: for one modest GPU."""
-        return cls(
-            image_width_px=480,
-            image_height_px=192,
-            backbone="resnet34",
-            neck_channels=256,
-            depth_channels=256,
-            aspp_channels=64,
-            context_channels=64,
-            bev_stages=(96, 192, 384),
-            bev_channels=128,
-        )
-
-    @classmethod
-    def tiny(cls) -> BEVDepthConfig:
-        """Half a ResNet-18 at 352 x 128: trains in minutes on two CPU cores."""
-        return cls(
-            image_width_px=352,
-            image_height_px=128,
-            backbone="resnet18",
-            backbone_blocks=(1, 1, 1, 1),
-            strides=(8, 16),
-            neck_channels=64,
-            depth_channels=64,
-            depth_blocks=1,
-            aspp_channels=32,
-            depth_dropout=0.0,
-            context_channels=16,
-            bins=DepthBins(1.0, 60.0, 1.0),
-            grid=BevGrid(z_edges_m=(-5.0, 0.3, 1.0, 1.8, 3.0)),
-            bev_stages=(32, 64, 128),
-            bev_channels=32,
-            head_stride=2,
-            head_channels=32,
-            min_radius_cells=1,
-            perspective_weight=1.0,
-            decode=DecodeOptions(min_score=0.05),
-        )
 
 
 class BEVDepth(Detector):
@@ -161,6 +47,9 @@ class BEVDepth(Detector):
         config: sizes.
         classes: names of the classes, in heat-map order.
         method: the method of transfer; it is attached to this detector and becomes part of its weights.
+
+    Raises:
+        ValueError: classes that are not those of the tasks of Megvii's head.
     """
 
     name = "bevdepth"
@@ -169,10 +58,19 @@ class BEVDepth(Detector):
     def __init__(self, config: BEVDepthConfig, classes: tuple[str, ...], method: Method) -> None:
         super().__init__()
         self.config, self.classes, self.method = config, classes, method
+        megvii = config.megvii
+        if megvii is not None and classes != megvii.classes:
+            raise ValueError(f"the classes of this head's tasks are {', '.join(megvii.classes)}; got {', '.join(classes)}")
         self.backbone = ImageBackbone(
             config.backbone, config.strides, method.extra_image_channels, config.pretrained, config.backbone_blocks
         )
-        self.neck, modulated_channels = attach_neck(method, self.backbone, config.strides, config.neck_channels)
+        self.neck: FeaturePyramid | SecondFPN
+        if megvii is None:
+            self.neck, modulated_channels = attach_neck(method, self.backbone, config.strides, config.neck_channels)
+        else:
+            levels = attach_levels(method, self.backbone, config.strides)
+            self.neck = SecondFPN(levels, config.strides, config.feature_stride, config.neck_channels)
+            modulated_channels = method.attach("neck", config.neck_channels, config.feature_stride)
         self.depth_net = DepthNet(
             modulated_channels,
             config.depth_channels,
@@ -182,18 +80,27 @@ class BEVDepth(Detector):
             config.depth_blocks,
             config.aspp_channels,
             config.depth_dropout,
+            deformable=megvii is not None,
         )
+        self.aggregation = DepthAggregation(config.context_channels) if megvii and megvii.depth_aggregation else None
         lift = LiftSplat if config.released is None else ReleasedLiftSplat
-        self.lift_splat = lift(config.grid, config.bins, config.strides[0])
+        self.lift_splat = lift(config.grid, config.bins, config.feature_stride)
         bev_inputs = config.context_channels * config.grid.slabs
         self.frame_encoder = residual_stage(bev_inputs, bev_inputs, 1, config.frame_blocks) if config.frame_blocks else None
-        self.bev_encoder = BevEncoder(bev_inputs * config.frames, config.bev_stages, config.bev_channels, config.head_stride)
-        self.head = CenterHead(config.bev_channels, len(classes), config.head_channels)
+        stages, outputs = config.bev_stages, config.bev_channels
+        self.bev_encoder: BevEncoder | BevResNet
+        self.head: CenterHead | TaskHeads
+        if megvii is None:
+            self.bev_encoder = BevEncoder(bev_inputs * config.frames, stages, outputs, config.head_stride)
+            self.head = CenterHead(outputs, len(classes), config.head_channels)
+        else:
+            self.bev_encoder = BevResNet(bev_inputs * config.frames, stages, outputs)
+            self.head = TaskHeads(outputs, megvii.tasks, config.head_channels)
         self.perspective = PerspectiveHead(modulated_channels, config.neck_channels) if config.perspective_weight else None
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:
         """Head outputs, ``depth_logits`` (M, D, h, w) and, in training where it is supervised, ``perspective`` (M, 6, h, w)."""
-        bev, depth_logits, feature = self.lift(batch, batch.lift_cameras)
+        bev, depth_logits, feature = self.lift(batch, batch.lift_cameras, batch.cameras)
         if self.config.frames == 2:
             bev = torch.cat([bev, self.previous_bev(batch, bev)], dim=1)
         outputs: dict[str, Tensor] = self.head(self.bev_encoder(bev))
@@ -201,33 +108,42 @@ class BEVDepth(Detector):
             outputs["perspective"] = self.perspective(feature)
         return {**outputs, "depth_logits": depth_logits}
 
-    def lift(self, batch: Batch, lift_cameras: CameraTensors) -> tuple[Tensor, Tensor, Tensor]:
+    def lift(self, batch: Batch, lift_cameras: CameraTensors, gates: CameraTensors) -> tuple[Tensor, Tensor, Tensor]:
         """One frame in bird's-eye view (B, C, Y, X), its depth logits, and the modulated image feature.
 
         Args:
             batch: images, and cameras as the method sees them.
             lift_cameras: where the features are lifted from.
+            gates: cameras whose numbers gate the depth net.
         """
+        if self.config.released is not None and self.config.released.swapped_images:
+            batch = replace(batch, images=swapped(batch.images))
         feature, context = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
-        vector = self.method.camera_vector(batch.cameras, batch.bev_from_ego[batch.sample_index], context)
+        vector = self.method.camera_vector(gates, batch.bev_from_ego[batch.sample_index], context)
         depth_logits, lifted = self.depth_net(feature, vector)
         depth_logits = depth_logits.float()  # a softmax over many bins collapses in half precision
         depth = depth_logits.softmax(dim=1)
-        bev = self.lift_splat(depth, lifted, lift_cameras, batch.sample_index, batch.bev_from_ego, reuse=not self.training)
+        where = lift_cameras, batch.sample_index, batch.bev_from_ego, not self.training
+        if self.aggregation is None:
+            bev = self.lift_splat(depth, lifted, *where)
+        else:
+            bev = self.lift_splat.pool(self.aggregation(depth, lifted), *where)
         return (bev if self.frame_encoder is None else self.frame_encoder(bev)), depth_logits, feature
 
     @torch.no_grad()
     def previous_bev(self, batch: Batch, like: Float[Tensor, "b c y x"]) -> Float[Tensor, "b c y x"]:
-        """The frame before, in the BEV of this one; zeros without it (spec official_code 1.4)."""
-        before = batch.previous
+        """The frame before, in the BEV of this one; without it zeros (spec official_code 1.4), or Megvii's this one."""
+        before, megvii = batch.previous, self.config.megvii
         if before is None:
-            return torch.zeros_like(like)
-        if self.config.previous_by == "pose":
-            return self.lift(before, before.lift_cameras)[0]
+            return torch.zeros_like(like) if megvii is None else like.detach()
+        if self.config.previous_by == "pose" and megvii is None:
+            return self.lift(before, before.lift_cameras, before.cameras)[0]
         if not torch.equal(before.sample_index, batch.sample_index):
-            raise ValueError("previous_by='warp' needs the same cameras in both frames; use 'pose'")
+            raise ValueError("this BEVDepth (megvii, or previous_by='warp') needs the same cameras in both frames")
+        if megvii is not None:
+            return self.lift(before, before.lift_cameras, batch.cameras)[0]
         now = batch.lift_cameras.ego_from_cam
-        bev = self.lift(before, replace(before.cameras, ego_from_cam=now))[0]
+        bev = self.lift(before, replace(before.cameras, ego_from_cam=now), before.cameras)[0]
         first = torch.searchsorted(batch.sample_index, torch.arange(batch.num_samples, device=now.device))
         bev_from_ego = torch.eye(4, device=now.device).repeat(batch.num_samples, 1, 1)
         bev_from_ego[:, :3, :3] = batch.bev_from_ego
@@ -246,12 +162,21 @@ class BEVDepth(Detector):
         config, device = self.config, batch.images.device
         outputs = self(batch)
         depth_logits, perspective = outputs.pop("depth_logits"), outputs.pop("perspective", None)
-        targets = center_targets(batch.boxes, self.classes, config.head_grid, min_radius_cells=config.min_radius_cells)
+        targets = center_targets(
+            batch.boxes,
+            self.classes,
+            config.head_grid,
+            min_radius_cells=config.min_radius_cells,
+            single_precision=config.released is not None,
+        )
         with torch.autocast(device.type, enabled=False):  # CUDA refuses this cross-entropy in half precision
-            losses = center_losses(outputs, targets.to(device))
-            losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.strides[0])
+            if config.megvii is None:
+                losses = center_losses(outputs, targets.to(device))
+            else:
+                losses = task_losses(outputs, targets.to(device), config.megvii.tasks, config.megvii.weights)
+            losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.feature_stride)
             if perspective is not None:
-                cells = perspective_batch_targets(batch, config.strides[0])
+                cells = perspective_batch_targets(batch, config.feature_stride)
                 losses["perspective"] = config.perspective_weight * perspective_loss(perspective, cells)
         return losses
 
@@ -259,4 +184,7 @@ class BEVDepth(Detector):
     def detect(self, batch: Batch) -> list[Boxes3D]:
         """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
         outputs = self(batch)
-        return decode_centers(outputs, self.classes, self.config.head_grid, self.config.decode)
+        config = self.config
+        if config.megvii is not None:
+            return decode_tasks(outputs, config.megvii.tasks, config.grid, config.megvii.decode)
+        return decode_centers(outputs, self.classes, config.head_grid, config.decode)

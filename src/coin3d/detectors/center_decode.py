@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from coin3d.detectors.lift_splat import BevGrid
@@ -33,32 +33,46 @@ class DecodeOptions:
 
 
 def decode_centers(
-    outputs: dict[str, Float[Tensor, "b k y x"]], classes: Sequence[str], grid: BevGrid, options: DecodeOptions
+    outputs: dict[str, Float[Tensor, "b _ y x"]],
+    classes: Sequence[str],
+    grid: BevGrid,
+    options: DecodeOptions,
 ) -> list[Boxes3D]:
     """Boxes of each sample in the BEV frame, best score first."""
-    heatmap = outputs["heatmap"].detach().float().sigmoid().cpu()
-    maps = {k: v.detach().float().cpu().flatten(2) for k, v in outputs.items()}
+    maps = {name: values.detach().float().cpu() for name, values in outputs.items()}
     decoded = []
-    for b in range(len(heatmap)):
-        count = min(options.max_boxes, heatmap[b].numel())
-        scores, flat = torch.topk(heatmap[b].flatten(), count)
-        flat, scores = flat[scores > options.min_score], scores[scores > options.min_score]
-        cell = flat % (grid.side**2)
-        label = torch.div(flat, grid.side**2, rounding_mode="floor")
-        row, column = torch.div(cell, grid.side, rounding_mode="floor"), cell % grid.side
-        offset = maps["offset"][b][:, cell]
-        x = (column + offset[0]) * grid.cell_m - grid.half_extent_m
-        y = (row + offset[1]) * grid.cell_m - grid.half_extent_m
-        z = maps["height"][b][0, cell]
-        size = maps["size"][b][:, cell].clamp(-5, 5).exp()
-        sin, cos = maps["heading"][b][:, cell]
-        boxes = Boxes3D.create(
-            torch.stack([x, y, z], dim=1).numpy(),
-            size.T.numpy(),
-            torch.atan2(sin, cos).numpy(),
-            np.asarray(classes, dtype=np.str_)[label.numpy()],
-            scores=scores.numpy(),
-        )
+    for b in range(len(maps["heatmap"])):
+        of_sample = {name: values[b] for name, values in maps.items()}
+        scores, label, cell = best_cells(of_sample["heatmap"].sigmoid(), options.max_boxes, options.min_score)
+        centre_m, size_m, yaw_rad = boxes_at(of_sample, cell, grid)
+        names = np.asarray(classes, dtype=np.str_)[label.numpy()]
+        boxes = Boxes3D.create(centre_m.numpy(), size_m.numpy(), yaw_rad.numpy(), names, scores=scores.numpy())
         kept = rotated_nms(boxes, options.nms_iou)[: options.max_kept]
         decoded.append(boxes[kept])
     return decoded
+
+
+def best_cells(
+    heatmap: Float[Tensor, "k y x"], count: int, min_score: float
+) -> tuple[Float[Tensor, "n"], Int[Tensor, "n"], Int[Tensor, "n"]]:
+    """Scores, classes and flat cells of the best places of one sample, best first.
+
+    The best of each class are found first, then the best of those, which decides between equal scores as the released code
+    does (a sigmoid in single precision makes many that are equal to 1).
+    """
+    of_class, cell = torch.topk(heatmap.flatten(1), min(count, heatmap[0].numel()))
+    scores, flat = torch.topk(of_class.flatten(), min(count, of_class.numel()))
+    flat, scores = flat[scores > min_score], scores[scores > min_score]
+    return scores, torch.div(flat, of_class.shape[1], rounding_mode="floor"), cell.flatten()[flat]
+
+
+def boxes_at(
+    maps: dict[str, Float[Tensor, "_ y x"]], cell: Int[Tensor, "n"], grid: BevGrid
+) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"], Float[Tensor, "n"]]:
+    """Centres, sizes and headings that the maps of one sample hold at flat cells."""
+    offset, height, log_size, heading = (maps[name].flatten(1)[:, cell] for name in ("offset", "height", "size", "heading"))
+    row, column = torch.div(cell, grid.side, rounding_mode="floor"), cell % grid.side
+    x = (column + offset[0]) * grid.cell_m - grid.half_extent_m
+    y = (row + offset[1]) * grid.cell_m - grid.half_extent_m
+    yaw_rad = torch.atan2(heading[0], heading[1])
+    return torch.stack([x, y, height[0]], dim=1), log_size.clamp(-5, 5).exp().T, yaw_rad

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -25,12 +27,18 @@ class CenterHead(nn.Module):
     def __init__(self, inputs: int, classes: int, channels: int = 64) -> None:
         super().__init__()
         self.shared_conv = conv_bn_relu(inputs, channels)
-        self.branches = nn.ModuleDict()
-        for name, outputs in {**REGRESSIONS, "heatmap": classes}.items():
-            self.branches[name] = nn.Sequential(conv_bn_relu(channels, channels), nn.Conv2d(channels, outputs, 3, padding=1))
-        nn.init.constant_(self.branches["heatmap"][1].bias, _HEATMAP_BIAS)  # type: ignore[index]
+        self.branches = output_branches(channels, {**REGRESSIONS, "heatmap": classes})
 
     def forward(self, bev: Float[Tensor, "b c y x"]) -> dict[str, Float[Tensor, "b k y x"]]:
         """Raw maps; ``heatmap`` holds logits."""
         shared = self.shared_conv(bev)
         return {name: branch(shared).float() for name, branch in self.branches.items()}
+
+
+def output_branches(channels: int, outputs: Mapping[str, int]) -> nn.ModuleDict:
+    """A two-layer branch per output, by name; ``heatmap`` starts at the usual prior."""
+    branches = nn.ModuleDict()
+    for name, count in outputs.items():
+        branches[name] = nn.Sequential(conv_bn_relu(channels, channels), nn.Conv2d(channels, count, 3, padding=1))
+    nn.init.constant_(branches["heatmap"][1].bias, _HEATMAP_BIAS)  # type: ignore[index]
+    return branches

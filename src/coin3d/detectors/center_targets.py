@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import torch
@@ -26,15 +27,19 @@ class CenterTargets:
         sample: (N,) sample of each object.
         cell: (N,) flat cell y * side + x.
         values: (N, 8) regression targets in the order offset 2, height 1, size 3, heading 2.
+        label: (N,) class of each object.
+        velocity_mps: (N, 2) along x and y; NaN where unknown.
     """
 
     heatmap: Float[Tensor, "b k y x"]
     sample: Int[Tensor, "n"]
     cell: Int[Tensor, "n"]
     values: Float[Tensor, "n 8"]
+    label: Int[Tensor, "n"]
+    velocity_mps: Float[Tensor, "n 2"]
 
     def to(self, device: torch.device | str) -> CenterTargets:
-        return CenterTargets(*(t.to(device) for t in (self.heatmap, self.sample, self.cell, self.values)))
+        return CenterTargets(*(getattr(self, f.name).to(device) for f in fields(self)))
 
 
 def gaussian_radius(length_cells: float, width_cells: float, min_overlap: float) -> float:
@@ -56,23 +61,38 @@ def center_targets(
     *,
     min_radius_cells: int = 2,
     min_overlap: float = 0.1,
+    single_precision: bool = False,
 ) -> CenterTargets:
-    """Encode the ground truth of B samples; boxes outside the grid or of other classes are left out."""
+    """Encode the ground truth of B samples; boxes outside the grid or of other classes are left out.
+
+    Args:
+        boxes: B tables in the BEV frame.
+        classes: names in heat-map order.
+        grid: cells of the heat map.
+        min_radius_cells: smallest peak.
+        min_overlap: a peak reaches as far as a box may be moved and still overlap itself this much.
+        single_precision: places are rounded as in the released code, which moves a centre on the border of two cells into
+            the other one now and then.
+    """
+    kind: type[Any] = np.float32 if single_precision else np.float64
+    half_extent_m, cell_m = kind(grid.half_extent_m), kind(grid.cell_m)
     side = grid.side
     heatmap = np.zeros((len(boxes), len(classes), side, side), dtype=np.float32)
-    samples, cells, values = [], [], []
+    samples, cells, values, kinds, velocities = [], [], [], [], []
     for b, table in enumerate(boxes):
-        place = (table.centre_m[:, :2] + grid.half_extent_m) / grid.cell_m
+        place = (table.centre_m[:, :2].astype(kind) + half_extent_m) / cell_m
         for i in range(min(len(table), _MAX_OBJECTS)):
             x, y = np.floor(place[i]).astype(int)
             if table.labels[i] not in classes or not (0 <= x < side and 0 <= y < side):
                 continue
             length, width = table.size_m[i, :2] / grid.cell_m
             radius = max(min_radius_cells, int(gaussian_radius(length, width, min_overlap)))
-            _draw_peak(heatmap[b, list(classes).index(str(table.labels[i]))], x, y, radius)
+            kinds.append(list(classes).index(str(table.labels[i])))
+            _draw_peak(heatmap[b, kinds[-1]], x, y, radius)
             offset = place[i] - (x, y)
             yaw = table.yaw_rad[i]
             samples.append(b)
+            velocities.append(table.velocity_mps[i])
             cells.append(y * side + x)
             values.append([*offset, table.centre_m[i, 2], *np.log(table.size_m[i]), np.sin(yaw), np.cos(yaw)])
     return CenterTargets(
@@ -80,6 +100,8 @@ def center_targets(
         torch.tensor(samples, dtype=torch.long),
         torch.tensor(cells, dtype=torch.long),
         torch.tensor(np.asarray(values, dtype=np.float32).reshape(-1, 8)),
+        torch.tensor(kinds, dtype=torch.long),
+        torch.tensor(np.asarray(velocities, dtype=np.float32).reshape(-1, 2)),
     )
 
 

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
+from coin3d.detectors.deformable_conv import DeformableConv
 from coin3d.detectors.layers import BasicBlock, conv_bn_relu
 
 
@@ -59,6 +60,7 @@ class DepthNet(nn.Module):
         residual_blocks: blocks before the dilated context.
         aspp_channels: width of each branch of the dilated context.
         dropout: behind the dilated context.
+        deformable: a deformable convolution in four groups before the depth logits (Megvii's).
     """
 
     def __init__(
@@ -71,6 +73,7 @@ class DepthNet(nn.Module):
         residual_blocks: int,
         aspp_channels: int,
         dropout: float = 0.5,
+        deformable: bool = False,
     ) -> None:
         super().__init__()
         self.reduce_conv = conv_bn_relu(inputs, mid_channels, bias=True)
@@ -78,6 +81,7 @@ class DepthNet(nn.Module):
         self.depth_conv = nn.Sequential(
             *(BasicBlock(mid_channels, mid_channels) for _ in range(residual_blocks)),
             DilatedContext(mid_channels, aspp_channels, dropout),
+            *([DeformableConv(mid_channels, groups=4)] if deformable else []),
             nn.Conv2d(mid_channels, depth_bins, 1),
         )
         self.camera_aware = camera_vector_channels > 0

@@ -11,6 +11,7 @@ from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.method import Method
 from coin3d.detectors.neck import FeaturePyramid
+from coin3d.detectors.second_fpn import SecondFPN
 from coin3d.detectors.vovnet import VoVNet99
 
 
@@ -22,13 +23,22 @@ def attach_neck(
     Returns:
         The neck, and the channels of its feature behind the method's own hook there.
     """
+    neck = FeaturePyramid(attach_levels(method, backbone, strides), channels)
+    return neck, method.attach("neck", channels, strides[0])
+
+
+def attach_levels(method: Method, backbone: ImageBackbone | VoVNet99, strides: Sequence[int]) -> list[int]:
+    """Channels of the trunk's levels as the method leaves them."""
     levels = zip(strides, backbone.channels, strict=True)
-    attached = [method.attach(f"backbone_{stride}", inputs, stride) for stride, inputs in levels]
-    return FeaturePyramid(attached, channels), method.attach("neck", channels, strides[0])
+    return [method.attach(f"backbone_{stride}", inputs, stride) for stride, inputs in levels]
 
 
 def image_feature(
-    method: Method, backbone: ImageBackbone | VoVNet99, neck: FeaturePyramid, strides: Sequence[int], batch: Batch
+    method: Method,
+    backbone: ImageBackbone | VoVNet99,
+    neck: FeaturePyramid | SecondFPN,
+    strides: Sequence[int],
+    batch: Batch,
 ) -> tuple[Tensor, Any]:
     """The feature of every image (M, C, h, w) at the finest stride, and the method's context of this forward."""
     context = method.prepare(batch.cameras)

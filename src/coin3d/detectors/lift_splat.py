@@ -100,13 +100,36 @@ class LiftSplat:
 
         The channels are those of the lowest slab, then those of the next.
         """
-        lookup = self._cached_cells if reuse else self.cells
-        cell = lookup(cameras, sample_index, bev_from_ego)
         m, d, h, w = depth.shape
-        side, samples = self.grid.side, len(bev_from_ego)
         flat_depth = depth.permute(0, 2, 3, 1).reshape(m * h * w, d)
         flat_context = context.permute(0, 2, 3, 1).reshape(m * h * w, -1)
-        bev = bev_pool(flat_depth, flat_context, cell.reshape(m * h * w, d), samples * side * side * self.grid.slabs)
+        return self._pool(flat_depth, flat_context, cameras, sample_index, bev_from_ego, reuse)
+
+    def pool(
+        self,
+        lifted: Float[Tensor, "m h w d c"],
+        cameras: CameraTensors,
+        sample_index: Int[Tensor, "m"],
+        bev_from_ego: Float[Tensor, "b 3 3"],
+        reuse: bool = False,
+    ) -> Float[Tensor, "b k y x"]:
+        """Pool features that are there for every depth already."""
+        rows = lifted.reshape(-1, lifted.shape[-1])
+        return self._pool(rows.new_ones(len(rows), 1), rows, cameras, sample_index, bev_from_ego, reuse)
+
+    def _pool(
+        self,
+        weight: Float[Tensor, "p q"],
+        rows: Float[Tensor, "p c"],
+        cameras: CameraTensors,
+        sample_index: Int[Tensor, "m"],
+        bev_from_ego: Float[Tensor, "b 3 3"],
+        reuse: bool,
+    ) -> Float[Tensor, "b k y x"]:
+        lookup = self._cached_cells if reuse else self.cells
+        cell = lookup(cameras, sample_index, bev_from_ego).reshape(weight.shape)
+        side, samples = self.grid.side, len(bev_from_ego)
+        bev = bev_pool(weight, rows, cell, samples * side * side * self.grid.slabs)
         return bev.reshape(samples, side, side, -1).permute(0, 3, 1, 2).contiguous()
 
     def cells(

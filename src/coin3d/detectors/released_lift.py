@@ -23,7 +23,20 @@ class ReleasedLiftSplat(LiftSplat):
         self, cameras: CameraTensors, sample_index: Int[Tensor, "m"], bev_from_ego: Float[Tensor, "b 3 3"]
     ) -> Int[Tensor, "m h w d"]:
         """Row ((sample * side + y) * side + x) * slabs + slab of each point, -1 outside the grid."""
-        device, grid = cameras.K.device, self.grid
+        grid, points = self.grid, self.points(cameras, sample_index, bev_from_ego)
+        low_m, high_m = grid.z_edges_m[0], grid.z_edges_m[-1]
+        column = torch.trunc((points[..., 0] + grid.half_extent_m) / grid.cell_m)
+        row = torch.trunc((points[..., 1] + grid.half_extent_m) / grid.cell_m)
+        layer = torch.trunc((points[..., 2] - low_m) / (high_m - low_m))
+        inside = (column >= 0) & (column < grid.side) & (row >= 0) & (row < grid.side) & (layer == 0)
+        index = (sample_index[:, None, None, None] * grid.side + row) * grid.side + column
+        return torch.where(inside, index, -1).to(torch.int32)
+
+    def points(
+        self, cameras: CameraTensors, sample_index: Int[Tensor, "m"], bev_from_ego: Float[Tensor, "b 3 3"]
+    ) -> Float[Tensor, "m h w d 3"]:
+        """The points that stand for every cell and depth bin, in the BEV frame of their samples (m)."""
+        device = cameras.K.device
         h, w = cameras.height_px // self.stride, cameras.width_px // self.stride
         v, u = torch.meshgrid(
             torch.linspace(0, cameras.height_px - 1, h, device=device),
@@ -36,11 +49,4 @@ class ReleasedLiftSplat(LiftSplat):
             scaled = torch.stack([u, v, torch.ones_like(u)], dim=-1)[:, :, None] * near_edges_m[:, None]
             rotation = cameras.ego_from_cam[:, :3, :3] @ torch.linalg.inv(from_whole_pixels(cameras.K).float())
             ego = torch.einsum("mij,hwdj->mhwdi", rotation, scaled) + cameras.ego_from_cam[:, None, None, None, :3, 3]
-            points = torch.einsum("mij,mhwdj->mhwdi", bev_from_ego[sample_index], ego)
-        low_m, high_m = grid.z_edges_m[0], grid.z_edges_m[-1]
-        column = torch.trunc((points[..., 0] + grid.half_extent_m) / grid.cell_m)
-        row = torch.trunc((points[..., 1] + grid.half_extent_m) / grid.cell_m)
-        layer = torch.trunc((points[..., 2] - low_m) / (high_m - low_m))
-        inside = (column >= 0) & (column < grid.side) & (row >= 0) & (row < grid.side) & (layer == 0)
-        index = (sample_index[:, None, None, None] * grid.side + row) * grid.side + column
-        return torch.where(inside, index, -1).to(torch.int32)
+            return torch.einsum("mij,mhwdj->mhwdi", bev_from_ego[sample_index], ego)

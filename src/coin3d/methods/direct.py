@@ -12,6 +12,7 @@ from torch import Tensor
 from coin3d.augmentation import FrameAugmentation, NovelViewOptions, novel_views
 from coin3d.detectors.method import Method
 from coin3d.geometry.camera_tensors import CameraTensors
+from coin3d.methods.released_camera_numbers import ReleasedCameraNumbers
 from coin3d.rendering.gaussian_folder import GaussianFolder
 
 
@@ -21,9 +22,11 @@ class DirectOptions:
 
     Args:
         novel_views: train on rendered views as well (paper table GDA_ablation_v2, CDA with camera-aware SE).
+        released: numbers as Megvii's released weights need them.
     """
 
     novel_views: NovelViewOptions | None = None
+    released: ReleasedCameraNumbers | None = None
 
 
 class Direct(Method):
@@ -42,11 +45,11 @@ class Direct(Method):
 
     @property
     def camera_vector_channels(self) -> int:
-        return 23
+        return 23 if self.options.released is None else self.options.released.count
 
-    def camera_vector(
-        self, cameras: CameraTensors, bev_from_ego: Float[Tensor, "m 3 3"], context: Any
-    ) -> Float[Tensor, "m 23"]:
+    def camera_vector(self, cameras: CameraTensors, bev_from_ego: Float[Tensor, "m 3 3"], context: Any) -> Float[Tensor, "m k"]:
+        if self.options.released is not None:
+            return self.options.released.vector(cameras, bev_from_ego)
         intrinsics = cameras.K[:, :2].flatten(1)
         bev = bev_from_ego[:, (0, 0, 1, 1, 2), (0, 1, 0, 1, 2)]
         return torch.cat([intrinsics, bev, cameras.ego_from_cam[:, :3].flatten(1)], dim=1)

@@ -21,7 +21,7 @@ from coin3d.priors.maps import cross_columns, empty_maps, fill_affine, fill_grou
 
 @dataclass(frozen=True)
 class ReleasedConventions:
-    """The released code's conventions for the prior maps.
+    """The released code's conventions: for the prior maps, and for what goes into the network.
 
     Args:
         moment: ``ego_in_cam`` for the car-only weights (ego origin in camera axes x direction in ego axes: mixed frames),
@@ -30,6 +30,7 @@ class ReleasedConventions:
         ground_cap_m: ground farther than this counts as no ground.
         first_pixel: coordinate of the centre of the first pixel.
         turned_frame_x_m: where on the x axis of the ego the front/back turned frame of training sits.
+        swapped_images: blue comes first, normalised as if it were red (Megvii's).
     """
 
     moment: Literal["ego_in_cam", "cam_in_ego"] = "ego_in_cam"
@@ -37,6 +38,7 @@ class ReleasedConventions:
     ground_cap_m: float = 60.0
     first_pixel: float = 0.0
     turned_frame_x_m: float = 1.6
+    swapped_images: bool = False
 
 
 def released_maps(
