@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from coin3d.datasets.frame import Frame, ImageSource
-from coin3d.detectors import BEVDepth
+from coin3d.datasets.frame import Frame, ImageSource, Recording
+from coin3d.detectors import Detector
 from coin3d.geometry import Boxes3D, Rig
 from coin3d.training.checkpoint import load_checkpoint
 from coin3d.training.predict import predict
@@ -39,7 +39,7 @@ class LoadedDetector:
         device: where it runs.
     """
 
-    model: BEVDepth
+    model: Detector
     description: Mapping[str, Any]
     path: Path
     device: str = "cpu"
@@ -83,9 +83,14 @@ class LoadedDetector:
         sources = {name: _source(name, images[name]) for name in rig}
         return self.detect_frames([Frame("images", 0, rig, sources)])["images"]
 
-    def detect_frames(self, frames: Sequence[Frame], progress: Callable[[str], None] | None = None) -> dict[str, Boxes3D]:
-        """Detect in frames of a recording, one after the other; returns token -> boxes in the ego frame."""
-        return predict(self.model, frames, device=self.device, progress=progress)
+    def detect_frames(
+        self, frames: Sequence[Frame], progress: Callable[[str], None] | None = None, *, recording: Recording | None = None
+    ) -> dict[str, Boxes3D]:
+        """Detect in frames of a recording, one after the other; returns token -> boxes in the ego frame.
+
+        Detectors that look back find earlier frames in ``recording``, or else among ``frames``.
+        """
+        return predict(self.model, frames, recording=recording, device=self.device, progress=progress)
 
 
 def load(checkpoint: str | Path, device: str = "auto") -> LoadedDetector:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from coin3d.detectors.bevdepth import depth_loss
+from coin3d.detectors.depth_loss import depth_loss
 from coin3d.detectors.inputs import lidar_depth
 from coin3d.detectors.lift_splat import DepthBins
 from coin3d.geometry import Camera, camera_pose

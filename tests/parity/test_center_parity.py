@@ -8,9 +8,9 @@ import torch
 from parity_files import fixture
 from torch import Tensor
 
-from coin3d.detectors.bevdepth import depth_loss
 from coin3d.detectors.center_decode import DecodeOptions, decode_centers
 from coin3d.detectors.center_targets import CenterTargets, center_losses, center_targets
+from coin3d.detectors.depth_loss import depth_loss
 from coin3d.detectors.lift_splat import BevGrid, DepthBins
 from coin3d.detectors.nms import rotated_nms
 from coin3d.geometry import Boxes3D

@@ -67,7 +67,7 @@ def detect(
     chosen = [source[i] for i in spread(len(source), frames)]
     print(detector.note)
     began = time.monotonic()
-    found = detector.detect_frames(chosen, print)
+    found = detector.detect_frames(chosen, print, recording=source)
     seconds = time.monotonic() - began
     write_json(out / DETECTIONS_FILE, _detections(chosen, found, detector.note))
     drawn: list[Path] = []

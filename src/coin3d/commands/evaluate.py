@@ -67,7 +67,7 @@ def evaluate(
         raise ValueError(f"{recording}: no annotations to score against; coin3d detect needs none")
     print(detector.note)
     began = time.monotonic()
-    found = detector.detect_frames(chosen, print)
+    found = detector.detect_frames(chosen, print, recording=labelled)
     report = score_frames(chosen, found, class_map, protocol)
     print(report.table())
     drawn: list[Path] = []

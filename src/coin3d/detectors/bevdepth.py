@@ -10,17 +10,18 @@ from typing import Literal
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
-from torch.nn import functional as F  # noqa: N812
+from torch import Tensor
 
 from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.bev_encoder import BevEncoder, residual_stage
 from coin3d.detectors.bev_warp import warp_bev
 from coin3d.detectors.center_decode import DecodeOptions, decode_centers
-from coin3d.detectors.center_head import CenterHead, HeadingFrom
+from coin3d.detectors.center_head import CenterHead
 from coin3d.detectors.center_targets import center_losses, center_targets
+from coin3d.detectors.depth_loss import depth_loss
 from coin3d.detectors.depth_net import DepthNet
+from coin3d.detectors.detector import Detector
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.lift_splat import BevGrid, DepthBins, LiftSplat
 from coin3d.detectors.method import Method
@@ -59,8 +60,7 @@ class BEVDepthConfig:
         head_stride: cells of the grid per cell of the head, 1 or 2.
         head_channels: width of the head.
         min_radius_cells: smallest heat-map peak.
-        heading_from: what the head counts headings from. ``ego`` (as released) has to be learned anew for every direction
-            a camera can look in; ``ray`` is what an image shows, and holds for directions no camera looked in before.
+        heading_share: factor on the weight of the heading within the box losses, 1 as released.
         perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
         decode: how boxes are read off.
         released: geometry of the released code, for its weights only.
@@ -88,7 +88,7 @@ class BEVDepthConfig:
     head_stride: int = 1
     head_channels: int = 64
     min_radius_cells: int = 2
-    heading_from: HeadingFrom = "ego"
+    heading_share: float = 1.0
     perspective_weight: float = 0.0
     decode: DecodeOptions = field(default_factory=DecodeOptions)
     released: ReleasedConventions | None = None
@@ -151,13 +151,13 @@ class BEVDepthConfig:
             head_stride=2,
             head_channels=32,
             min_radius_cells=1,
-            heading_from="ray",
+            heading_share=2.0,
             perspective_weight=1.0,
             decode=DecodeOptions(min_score=0.05),
         )
 
 
-class BEVDepth(nn.Module):
+class BEVDepth(Detector):
     """The detector.
 
     Args:
@@ -167,6 +167,7 @@ class BEVDepth(nn.Module):
     """
 
     name = "bevdepth"
+    config: BEVDepthConfig
 
     def __init__(self, config: BEVDepthConfig, classes: tuple[str, ...], method: Method) -> None:
         super().__init__()
@@ -248,15 +249,9 @@ class BEVDepth(nn.Module):
         config, device = self.config, batch.images.device
         outputs = self(batch)
         depth_logits, perspective = outputs.pop("depth_logits"), outputs.pop("perspective", None)
-        targets = center_targets(
-            batch.boxes,
-            self.classes,
-            config.head_grid,
-            min_radius_cells=config.min_radius_cells,
-            heading_from=config.heading_from,
-        )
+        targets = center_targets(batch.boxes, self.classes, config.head_grid, min_radius_cells=config.min_radius_cells)
         with torch.autocast(device.type, enabled=False):  # CUDA refuses this cross-entropy in half precision
-            losses = center_losses(outputs, targets.to(device))
+            losses = center_losses(outputs, targets.to(device), heading_share=config.heading_share)
             losses["depth"] = depth_loss(depth_logits, batch.depth_m, config.bins, config.strides[0])
             if perspective is not None:
                 cells = perspective_batch_targets(batch, config.strides[0])
@@ -267,19 +262,4 @@ class BEVDepth(nn.Module):
     def detect(self, batch: Batch) -> list[Boxes3D]:
         """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
         outputs = self(batch)
-        config = self.config
-        return decode_centers(outputs, self.classes, config.head_grid, config.decode, config.heading_from)
-
-
-def depth_loss(
-    depth_logits: Float[Tensor, "m d h w"], depth_m: Float[Tensor, "m H W"], bins: DepthBins, stride: int, weight: float = 3.0
-) -> Float[Tensor, ""]:
-    """Binary cross-entropy of the depth distribution against the nearest LiDAR return of each cell, per supervised cell."""
-    known = torch.where(depth_m > 0, depth_m, torch.inf)
-    nearest = -F.max_pool2d(-known[:, None], stride)[:, 0]
-    index = bins.index(torch.where(nearest.isinf(), 0.0, nearest))
-    supervised = index >= 0
-    probability = depth_logits.float().softmax(dim=1).permute(0, 2, 3, 1)[supervised]
-    one_hot = F.one_hot(index[supervised], bins.count).float()
-    total = F.binary_cross_entropy(probability.clamp(0, 1), one_hot, reduction="sum")
-    return weight * total / max(1, int(supervised.sum()))
+        return decode_centers(outputs, self.classes, self.config.head_grid, self.config.decode)

@@ -10,10 +10,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from coin3d.detectors.center_head import HeadingFrom
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.detectors.nms import rotated_nms
-from coin3d.geometry import Boxes3D, wrap_angle
+from coin3d.geometry import Boxes3D
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,7 @@ class DecodeOptions:
 
 
 def decode_centers(
-    outputs: dict[str, Float[Tensor, "b k y x"]],
-    classes: Sequence[str],
-    grid: BevGrid,
-    options: DecodeOptions,
-    heading_from: HeadingFrom = "ego",
+    outputs: dict[str, Float[Tensor, "b k y x"]], classes: Sequence[str], grid: BevGrid, options: DecodeOptions
 ) -> list[Boxes3D]:
     """Boxes of each sample in the BEV frame, best score first."""
     heatmap = outputs["heatmap"].detach().float().sigmoid().cpu()
@@ -57,11 +52,10 @@ def decode_centers(
         z = maps["height"][b][0, cell]
         size = maps["size"][b][:, cell].clamp(-5, 5).exp()
         sin, cos = maps["heading"][b][:, cell]
-        yaw = torch.atan2(sin, cos) + (torch.atan2(y, x) if heading_from == "ray" else 0.0)
         boxes = Boxes3D.create(
             torch.stack([x, y, z], dim=1).numpy(),
             size.T.numpy(),
-            wrap_angle(yaw.numpy()),
+            torch.atan2(sin, cos).numpy(),
             np.asarray(classes, dtype=np.str_)[label.numpy()],
             scores=scores.numpy(),
         )

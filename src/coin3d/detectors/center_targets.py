@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from coin3d.detectors.center_head import REGRESSIONS, HeadingFrom
+from coin3d.detectors.center_head import REGRESSIONS
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.geometry import Boxes3D
 
@@ -56,7 +56,6 @@ def center_targets(
     *,
     min_radius_cells: int = 2,
     min_overlap: float = 0.1,
-    heading_from: HeadingFrom = "ego",
 ) -> CenterTargets:
     """Encode the ground truth of B samples; boxes outside the grid or of other classes are left out."""
     side = grid.side
@@ -73,8 +72,6 @@ def center_targets(
             _draw_peak(heatmap[b, list(classes).index(str(table.labels[i]))], x, y, radius)
             offset = place[i] - (x, y)
             yaw = table.yaw_rad[i]
-            if heading_from == "ray":
-                yaw = yaw - np.arctan2(table.centre_m[i, 1], table.centre_m[i, 0])
             samples.append(b)
             cells.append(y * side + x)
             values.append([*offset, table.centre_m[i, 2], *np.log(table.size_m[i]), np.sin(yaw), np.cos(yaw)])
@@ -111,13 +108,18 @@ def center_losses(
     *,
     heatmap_weight: float = 6.0,
     box_weight: float = 1.5,
+    heading_share: float = 1.0,
 ) -> dict[str, Float[Tensor, ""]]:
-    """Focal loss of the heat map and an L1 loss per regression, each averaged over its objects."""
+    """Focal loss of the heat map and an L1 loss per regression, each averaged over its objects.
+
+    ``heading_share`` is a factor on the weight of the heading.
+    """
     losses = {"heatmap": heatmap_weight * focal_loss(outputs["heatmap"], targets.heatmap)}
     start = 0
     for name, channels in REGRESSIONS.items():
         wanted = targets.values[:, start : start + channels]
         start += channels
         at_objects = outputs[name].flatten(2)[targets.sample, :, targets.cell]
-        losses[name] = box_weight * (at_objects - wanted).abs().sum() / (len(wanted) + 1e-4)
+        weight = box_weight * (heading_share if name == "heading" else 1.0)
+        losses[name] = weight * (at_objects - wanted).abs().sum() / (len(wanted) + 1e-4)
     return losses
