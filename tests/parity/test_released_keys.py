@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 import pytest
 import torch
@@ -20,6 +21,17 @@ KEY_LISTS = {
     "petr-vov-mmdet3d": "petr_keys.txt",
 }
 HEAT = "pts_bbox_head.task_heads.0.heatmap.1."
+_own_state = Source.own_state
+
+
+@cache
+def own_state(name: str) -> dict[str, Tensor]:
+    return _own_state(source_named(name))
+
+
+@pytest.fixture(autouse=True)
+def built_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Source, "own_state", lambda source: own_state(source.name))
 
 
 def file_of(source: str) -> dict[str, Tensor]:
