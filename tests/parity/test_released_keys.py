@@ -111,6 +111,15 @@ def test_box_rows_of_every_branch_move(name: str) -> None:
         assert converted[key].reshape(10, -1)[:, 0].tolist() == [1, 2, *sizes, 5, 6, -8, -7, 9, 10]
 
 
+def test_both_files_of_one_petr_become_the_same() -> None:
+    authors, port = file_of("petr-vov"), file_of("petr-vov-mmdet3d")
+    for key in (n for n in authors if re.search(r"reg_branches\.\d\.4\.", n)):
+        authors[key] = torch.arange(float(authors[key].numel())).reshape(authors[key].shape)
+        port[key] = authors[key][[0, 1, 3, 2, 4, 5, 6, 7, 8, 9]]
+    ours, too = source_named("petr-vov").convert(authors), source_named("petr-vov-mmdet3d").convert(port)
+    assert set(ours) == set(too) and all(torch.equal(ours[name], too[name]) for name in ours)
+
+
 def test_channels_of_petr_that_move() -> None:
     """Blue comes last, sines and cosines alternate."""
     released = file_of("petr-vov")
