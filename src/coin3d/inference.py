@@ -23,8 +23,8 @@ WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 
 TOWN_ONLY = (
     "The shipped weights know only the town, a synthetic street world: they have never seen a real street, and boxes they "
-    "give on real images mean nothing. Weights for real streets come by converting released checkpoints, which this "
-    "version cannot do yet, or by training on your own recordings (coin3d train)."
+    "give on real images mean nothing. Weights for real streets come by converting released "
+    "checkpoints (coin3d convert), or by training on your own recordings (coin3d train)."
 )
 
 
@@ -97,7 +97,7 @@ def load(checkpoint: str | Path, device: str = "auto") -> LoadedDetector:
     """Load a checkpoint.
 
     Args:
-        checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a file that ``coin3d train`` wrote.
+        checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a file that ``coin3d train`` or ``convert`` wrote.
         device: ``auto`` takes a GPU if there is one; or a name such as ``cpu``, ``cuda:1``.
 
     Raises:

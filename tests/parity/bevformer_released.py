@@ -12,10 +12,17 @@ from parity_files import filler, released_weights
 from coin3d.detectors import Batch, Method
 from coin3d.detectors.bevformer import BEVFormer
 from coin3d.detectors.bevformer_config import BEVFormerConfig
+from coin3d.detectors.released_bevformer import ReleasedBevFormer
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.training.released.bevformer_keys import BEVFORMER_KEYS, bevformer_in_our_coding
 
-CONFIG = replace(BEVFormerConfig.released_nuscenes(), image_width_px=160, image_height_px=96)
+HEADINGS_DEG = (0.0, -55.0, 55.0, 180.0, -125.0, 125.0)  # of the fixture's cameras, whose last two are not as nuScenes has them
+CONFIG = replace(
+    BEVFormerConfig.released_nuscenes(),
+    image_width_px=160,
+    image_height_px=96,
+    released=ReleasedBevFormer(camera_headings_deg=HEADINGS_DEG),
+)
 CLASSES = tuple("abcdefghij")
 KEY_LIST = "bevformer_keys.txt"
 

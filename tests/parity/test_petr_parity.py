@@ -26,7 +26,12 @@ from coin3d.training.released.petr_keys import PETR_KEYS, petr_in_our_convention
 
 HEIGHT_PX, WIDTH_PX = 64, 160
 CLASSES = tuple(f"class{i}" for i in range(10))
-CONVENTIONS = ReleasedQueryConventions(lidar_in_ego_m=(0.0, 0.0, 0.0), lidar_yaw_rad=0.0, point_in_cell_px=0.0)
+CONVENTIONS = ReleasedQueryConventions(
+    lidar_in_ego_m=(0.0, 0.0, 0.0),
+    lidar_yaw_rad=0.0,
+    point_in_cell_px=0.0,
+    camera_headings_deg=(90.0, 35.0, 145.0, -90.0, -35.0, -145.0),
+)
 
 
 @dataclass(frozen=True)

@@ -162,7 +162,9 @@ class PETR(QueryDetector):
         self.rays = PositionEmbedding3D(
             width, config.strides[0], config.rays, config.ray_space, released.point_in_cell_px if released else None
         )
-        self.camera_sine = CameraSineEmbedding(width) if released and released.camera_sine else None
+        self.camera_sine = (
+            CameraSineEmbedding(width, released.camera_headings_deg) if released and released.camera_sine else None
+        )
         self.reference_points = nn.Parameter(torch.rand(config.queries, 3))
         codes = len(sine_code(torch.zeros(()))) * 3
         self.query_embedding = nn.Sequential(nn.Linear(codes, width), nn.ReLU(inplace=True), nn.Linear(width, width))
@@ -195,7 +197,7 @@ class PETR(QueryDetector):
         h, w = feature.shape[-2:]
         position = self.rays(batch.cameras, self._target_from_ego(batch)[batch.sample_index])
         if self.camera_sine is not None:
-            position = position + self.camera_sine(batch.sample_index, h, w)
+            position = position + self.camera_sine(batch.cameras.ego_from_cam, h, w)
         memory, memory_position = (
             gather_samples(x, batch.sample_index, batch.num_samples) for x in (self.input_proj(feature), position)
         )
