@@ -63,10 +63,10 @@ def petr_in_our_conventions(weights: Mapping[str, Tensor], sizes: SizeOrder) -> 
     first, sine = "backbone.stem.0.0.weight", "camera_sine.mlp.0.weight"
     boxes = ("box_branch.4.weight", "box_branch.4.bias")
     # of camera, row and column the released code lists all sines, then all cosines
-    of_three = weights[sine].unflatten(1, (3, 2, -1))
+    of_three = weights[sine].reshape(len(weights[sine]), 3, 2, -1)
     return {
         **weights,
         **{name: our_box_rows(weights[name], sizes) for name in boxes},
         first: weights[first].flip(1),
-        sine: of_three.transpose(2, 3).flatten(1, 3),
+        sine: of_three.transpose(2, 3).reshape(weights[sine].shape),
     }
