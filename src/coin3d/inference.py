@@ -97,7 +97,8 @@ def load(checkpoint: str | Path, device: str = "auto") -> LoadedDetector:
     """Load a checkpoint.
 
     Args:
-        checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a checkpoint that ``train`` or ``convert`` wrote.
+        checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a checkpoint that ``coin3d train`` or
+            ``coin3d convert`` wrote.
         device: ``auto`` takes a GPU if there is one; or a name such as ``cpu``, ``cuda:1``.
 
     Raises:

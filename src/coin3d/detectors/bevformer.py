@@ -23,6 +23,7 @@ from coin3d.detectors.pillar_projection import cell_centres, image_from_bev, pil
 from coin3d.detectors.query_decoder import BevQueryDecoder
 from coin3d.detectors.query_detector import QueryDetector
 from coin3d.detectors.released_bevformer import ReleasedParts
+from coin3d.detectors.rig_memory import RigMemory
 from coin3d.detectors.spatial_cross_attention import VisibleQueries
 
 
@@ -70,6 +71,7 @@ class BEVFormer(QueryDetector):
             config.dropout,
         )
         self.released = ReleasedParts(config.released, config.grid, config.channels) if config.released else None
+        self._seen: RigMemory[VisibleQueries] = RigMemory()
         self.perspective = PerspectiveHead(modulated_channels, config.channels) if config.perspective_weight else None
         _initialise(self.encoder)
         _initialise(self.decoder)
@@ -144,6 +146,11 @@ class BEVFormer(QueryDetector):
         return align_history(previous_bev, moved, self.config.grid)
 
     def _visible(self, batch: Batch, bev_from_ego: Float[Tensor, "b 4 4"]) -> VisibleQueries:
+        if torch.is_grad_enabled():
+            return self._visible_now(batch, bev_from_ego)
+        return self._seen.get(batch, lambda: self._visible_now(batch, bev_from_ego))
+
+    def _visible_now(self, batch: Batch, bev_from_ego: Float[Tensor, "b 4 4"]) -> VisibleQueries:
         config, cameras = self.config, batch.cameras
         first_pixel = 0.5 if config.released is None else config.released.first_pixel
         projection = image_from_bev(cameras, bev_from_ego, batch.sample_index, first_pixel)

@@ -24,6 +24,7 @@ from coin3d.detectors.query_boxes import CODE_SIZE, QueryDecodeOptions, place_bo
 from coin3d.detectors.query_conventions import ReleasedQueryConventions
 from coin3d.detectors.query_detector import QueryDetector
 from coin3d.detectors.query_losses import QueryLossWeights
+from coin3d.detectors.rig_memory import RigMemory
 from coin3d.detectors.space_range import SpaceRange
 from coin3d.detectors.vovnet import VoVNet99
 
@@ -165,6 +166,7 @@ class PETR(QueryDetector):
         self.camera_sine = (
             CameraSineEmbedding(width, released.camera_headings_deg) if released and released.camera_sine else None
         )
+        self._positions: RigMemory[Tensor] = RigMemory()
         self.reference_points = nn.Parameter(torch.rand(config.queries, 3))
         codes = len(sine_code(torch.zeros(()))) * 3
         self.query_embedding = nn.Sequential(nn.Linear(codes, width), nn.ReLU(inplace=True), nn.Linear(width, width))
@@ -195,9 +197,7 @@ class PETR(QueryDetector):
         """
         feature, _ = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
         h, w = feature.shape[-2:]
-        position = self.rays(batch.cameras, self._target_from_ego(batch)[batch.sample_index])
-        if self.camera_sine is not None:
-            position = position + self.camera_sine(batch.cameras.ego_from_cam, h, w)
+        position = self._position(batch) if torch.is_grad_enabled() else self._remembered_position(batch)
         memory, memory_position = (
             gather_samples(x, batch.sample_index, batch.num_samples) for x in (self.input_proj(feature), position)
         )
@@ -213,6 +213,17 @@ class PETR(QueryDetector):
         if self.perspective is not None and self.training:
             outputs["perspective"] = self.perspective(feature)
         return outputs
+
+    def _position(self, batch: Batch) -> Float[Tensor, "m c h w"]:
+        position: Tensor = self.rays(batch.cameras, self._target_from_ego(batch)[batch.sample_index])
+        if self.camera_sine is not None:
+            position = position + self.camera_sine(batch.cameras.ego_from_cam, *position.shape[-2:])
+        return position
+
+    def _remembered_position(self, batch: Batch) -> Float[Tensor, "m c h w"]:
+        embeddings = [self.rays] if self.camera_sine is None else [self.rays, self.camera_sine]
+        weights = [w for embedding in embeddings for w in embedding.parameters()]
+        return self._positions.get(batch, lambda: self._position(batch), weights)
 
     def _query_position(self) -> Float[Tensor, "q c"]:
         x, y, z = self.reference_points.unbind(-1)

@@ -120,8 +120,7 @@ class TrunkPretraining(Detector):
             raise ValueError("a trunk learns from LiDAR depth and boxes: this batch lacks one of them")
         feature, _ = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
         depth_logits, shown = self.depth(feature), self.perspective(feature)
-        focal_px = torch.linalg.det(batch.cameras.K[:, :2, :2]).abs().sqrt()
-        apparent_m = batch.depth_m * (batch.cameras.width_px / focal_px)[:, None, None]
+        apparent_m = batch.depth_m * (batch.cameras.width_px / batch.cameras.focal_px)[:, None, None]
         stride = self.config.strides[0]
         with torch.autocast(batch.images.device.type, enabled=False):
             return {
