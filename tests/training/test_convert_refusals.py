@@ -1,4 +1,4 @@
-"""``coin3d convert`` refuses in one line, and then writes nothing."""
+"""``coin3d convert`` refuses in one line, and then writes nothing; its help and page know all sources."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ import pytest
 import torch
 
 from coin3d import cli
+from coin3d.commands.convert import convert
+from coin3d.training.released.sources import SOURCES
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "convert.md"
 
 
 def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> str:
@@ -47,3 +51,8 @@ def test_where_a_checkpoint_cannot_go(tmp_path: Path, capsys: pytest.CaptureFixt
     (tmp_path / "folder.safetensors").mkdir()
     for out in ("weights.pth", "folder.safetensors"):
         assert "ends in .safetensors" in refusal(capsys, str(tmp_path / "released.pth"), str(tmp_path / out))
+
+
+@pytest.mark.parametrize("name", [source.name for source in SOURCES])
+def test_every_source_is_in_the_help_and_on_the_page(name: str) -> None:
+    assert name in str(convert.__doc__) and f"| `{name}` |" in PAGE.read_text(encoding="utf-8")
