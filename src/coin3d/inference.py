@@ -14,7 +14,7 @@ from coin3d.datasets.frame import Frame, ImageSource, Recording
 from coin3d.detectors import Detector
 from coin3d.geometry import Boxes3D, Rig
 from coin3d.training.checkpoint import load_checkpoint
-from coin3d.training.predict import predict
+from coin3d.training.predict import Precision, predict
 
 SHIPPED = ("town-direct", "town-coin3d")
 """Names of the checkpoints that come with the package (docs/results.md says how they were made)."""
@@ -37,12 +37,14 @@ class LoadedDetector:
         description: what the checkpoint says of itself: detector, config, classes, method, options, notes.
         path: where it was loaded from.
         device: where it runs.
+        precision: number format of the network.
     """
 
     model: Detector
     description: Mapping[str, Any]
     path: Path
     device: str = "cpu"
+    precision: Precision = "float32"
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -90,16 +92,21 @@ class LoadedDetector:
 
         Detectors that look back find earlier frames in ``recording``, or else among ``frames``.
         """
-        return predict(self.model, frames, recording=recording, device=self.device, progress=progress)
+        return predict(self.model, frames, recording=recording, precision=self.precision, device=self.device, progress=progress)
 
 
-def load(checkpoint: str | Path, device: str = "auto") -> LoadedDetector:
+def load(
+    checkpoint: str | Path, device: str = "auto", *, precision: Precision = "float32", compiled: bool = False
+) -> LoadedDetector:
     """Load a checkpoint.
 
     Args:
         checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a checkpoint that ``coin3d train`` or
             ``coin3d convert`` wrote.
         device: ``auto`` takes a GPU if there is one; or a name such as ``cpu``, ``cuda:1``.
+        precision: ``bfloat16`` is faster where the hardware has it; boxes move a little.
+        compiled: compile the image trunk and neck with torch.compile at the first frame, which takes a while and, on a CPU,
+            a C++ compiler.
 
     Raises:
         FileNotFoundError: no such checkpoint.
@@ -107,7 +114,9 @@ def load(checkpoint: str | Path, device: str = "auto") -> LoadedDetector:
     """
     path = checkpoint_path(checkpoint)
     model, description = load_checkpoint(path)
-    return LoadedDetector(model, description, path, resolve_device(device))
+    if compiled:
+        model.compile_trunk()
+    return LoadedDetector(model, description, path, resolve_device(device), precision)
 
 
 def checkpoint_path(checkpoint: str | Path) -> Path:

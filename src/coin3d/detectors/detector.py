@@ -49,3 +49,8 @@ class Detector(nn.Module, ABC):
     @abstractmethod
     def detect(self, batch: Batch) -> list[Boxes3D]:
         """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
+
+    def compile_trunk(self) -> None:
+        """Compile image trunk and neck at their next forward; what follows them depends on the rig and stays as it is."""
+        for part in ("backbone", "neck"):
+            self.get_submodule(part).compile()

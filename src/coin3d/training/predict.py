@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import torch
 
@@ -13,6 +14,8 @@ from coin3d.detectors import Detector, collate, frame_sample
 from coin3d.evaluation import Protocol, Report, score
 from coin3d.geometry import Boxes3D
 
+Precision = Literal["float32", "bfloat16"]
+
 
 @torch.no_grad()
 def predict(
@@ -20,6 +23,7 @@ def predict(
     frames: Sequence[Frame],
     *,
     recording: Recording | None = None,
+    precision: Precision = "float32",
     device: torch.device | str = "cpu",
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Boxes3D]:
@@ -29,6 +33,7 @@ def predict(
         model: a detector; it is put into evaluation mode.
         frames: where to detect.
         recording: where detectors that look back find the frames before; by default among ``frames``.
+        precision: number format of the network; geometry and boxes stay in float32.
         device: where the detector runs.
         progress: told every 20 frames.
 
@@ -41,7 +46,8 @@ def predict(
     for i, frame in enumerate(frames):
         earlier = before(frame, config.frames - 1, i if recording is None else None)
         batch = collate([frame_sample(frame, config.image_width_px, config.image_height_px, earlier)]).to(device)
-        found[frame.token] = model.detect(batch)[0]
+        with torch.autocast(torch.device(device).type, dtype=torch.bfloat16, enabled=precision == "bfloat16"):
+            found[frame.token] = model.detect(batch)[0]
         if progress is not None and ((i + 1) % 20 == 0 or i + 1 == len(frames)):
             progress(f"detected in {i + 1} of {len(frames)} frames")
     return found
