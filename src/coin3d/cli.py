@@ -12,6 +12,7 @@ import tyro
 
 from coin3d.commands.build_scenes import build_scenes
 from coin3d.commands.check import check
+from coin3d.commands.convert import convert
 from coin3d.commands.demo import demo
 from coin3d.commands.detect import detect
 from coin3d.commands.evaluate import evaluate
@@ -26,6 +27,7 @@ VERBS: dict[str, Callable[..., None]] = {
     "check": check,
     "rig": rig,
     "detect": detect,
+    "convert": convert,
     "town": town,
     "build-scenes": build_scenes,
     "render": render,
@@ -51,6 +53,10 @@ Your own cameras: describe them in rig.yaml beside the images (docs/your_rig.md)
   coin3d rig recordings/van --other nuscenes --out out/rigs
   coin3d detect town-coin3d recordings/van --out out/boxes
                                                     the shipped weights know only the town, no real street
+
+Weights that others released, for real streets (docs/convert.md):
+  coin3d convert bevformer_tiny_epoch_24.pth weights/bevformer.safetensors
+  coin3d detect weights/bevformer.safetensors recordings/van --out out/boxes
 
 Rebuild annotated frames as 3D Gaussians and look through cameras that were not there:
   coin3d town --out data/town --scenes 1 --sweeps

@@ -23,8 +23,8 @@ WEIGHTS_FOLDER = Path(__file__).parent / "weights"
 
 TOWN_ONLY = (
     "The shipped weights know only the town, a synthetic street world: they have never seen a real street, and boxes they "
-    "give on real images mean nothing. Weights for real streets come by converting released checkpoints, which this "
-    "version cannot do yet, or by training on your own recordings (coin3d train)."
+    "give on real images mean nothing. Weights for real streets come by converting released "
+    "checkpoints (coin3d convert), or by training on your own recordings (coin3d train)."
 )
 
 
@@ -101,7 +101,8 @@ def load(
     """Load a checkpoint.
 
     Args:
-        checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a file that ``coin3d train`` wrote.
+        checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a checkpoint that ``coin3d train`` or
+            ``coin3d convert`` wrote.
         device: ``auto`` takes a GPU if there is one; or a name such as ``cpu``, ``cuda:1``.
         precision: ``bfloat16`` is faster where the hardware has it; boxes move a little.
         compiled: compile the image trunk and neck with torch.compile at the first frame, which takes a while and, on a CPU,

@@ -20,12 +20,15 @@ NUSCENES = _boxes(
     "vehicle.motorcycle", "movable_object.barrier",
 )  # fmt: skip
 LYFT = _boxes("car", "truck", "emergency_vehicle", "other_vehicle", "pedestrian", "bicycle", "animal")
+DETECTION = _boxes(
+    "car", "truck", "construction_vehicle", "bus", "trailer", "barrier", "motorcycle", "bicycle", "pedestrian", "traffic_cone"
+)  # fmt: skip
 WAYMO = _boxes("VEHICLE", "PEDESTRIAN", "SIGN", "CYCLIST", "UNKNOWN")
 
 
 @pytest.mark.parametrize(
     ("boxes", "cars", "merged", "pedestrians", "two_wheelers"),
-    [(NUSCENES, 1, 5, 1, 2), (LYFT, 1, 4, 1, 1), (WAYMO, 1, 1, 1, 1)],
+    [(NUSCENES, 1, 5, 1, 2), (DETECTION, 1, 5, 1, 2), (LYFT, 1, 4, 1, 1), (WAYMO, 1, 1, 1, 1)],
 )
 def test_counts(boxes: Boxes3D, cars: int, merged: int, pedestrians: int, two_wheelers: int) -> None:
     assert PLAIN_CAR.apply(boxes).labels.tolist() == ["car"] * cars

@@ -19,7 +19,7 @@ from coin3d.detectors.pillar_projection import image_from_bev, pillar_anchors, p
 from coin3d.detectors.query_boxes import QueryDecodeOptions
 from coin3d.detectors.released_bevformer import ReleasedBevFormer, ReleasedParts
 from coin3d.detectors.spatial_cross_attention import SpatialCrossAttention, VisibleQueries
-from coin3d.geometry import Pose
+from coin3d.geometry import Pose, preset_rig
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.methods import METHODS
 from small_world import CLASSES, SIZE_PX, batch, frame, ring_rig, sample, settled
@@ -214,14 +214,18 @@ def test_released_parts_see_the_same_motion() -> None:
     assert torch.equal(present.bev, row_by_row(grid))  # no turn, no change
 
 
-def test_released_weights_insist_on_their_six_cameras() -> None:
-    released = BEVFormerConfig.released_nuscenes()
-    config = replace(CONFIG, released=released.released)
+def test_released_embeddings_go_by_where_a_camera_looks() -> None:
+    """Not by its place in the list, which is another in every recording."""
+    config = replace(CONFIG, released=BEVFormerConfig.released_nuscenes().released)
     both, _ = mixed()
-    with pytest.raises(ValueError, match=r"exactly 6 cameras.*samples of \[5, 6\]"):
-        detector(config=config)(both)
-    six = collate([sample(1, ring_rig(6))])
-    assert len(detector(config=config).eval().detect(six)[0]) > 0
+    assert len(detector(config=config).eval().detect(both)) == 2  # 5 and 6 cameras
+    parts = ReleasedParts(ReleasedBevFormer(), config.grid, 8)
+    rig = preset_rig("nuscenes")
+    cameras = CameraTensors.from_cameras(list(rig.values()), [rig.ground] * 6)
+    with torch.no_grad():
+        added = parts.features(torch.zeros(6, 8, 1, 1), cameras.ego_from_cam)[:, :, 0, 0] - parts.level_embedding[0]
+        # ours come as front, front left, front right, back, back left, back right
+        torch.testing.assert_close(added, parts.camera_embedding[[0, 2, 1, 3, 4, 5]])
 
 
 def test_bfloat16_stays_near_float32() -> None:

@@ -161,8 +161,8 @@ def test_released_weights_predict_in_the_lidar_frame() -> None:
     assert gap.max() < 1e-4
 
 
-def test_camera_sine_ties_the_weights_to_the_order() -> None:
-    """Why only released weights have it."""
+def test_camera_sine_goes_by_where_a_camera_looks() -> None:
+    """Not by its place in the list of its rig or batch, yet cameras are told apart."""
     whole, order = sample(0, ring_rig(3)), [1, 2, 0]
     tied = petr(config=replace(CONFIG, released=ReleasedQueryConventions()))
     settled(tied, collate([whole]))
@@ -170,8 +170,12 @@ def test_camera_sine_ties_the_weights_to_the_order() -> None:
     with torch.no_grad():
         one, other = (tied(collate([s]))["boxes"] for s in (whole, shuffled))
         both = tied(collate([whole, sample(1, ring_rig(5))]))["boxes"]
-    assert (one - other).abs().max() > 1e-3
-    torch.testing.assert_close(both[:, :1], one, rtol=1e-4, atol=1e-4)  # counted within the sample, not the batch
+        assert tied.camera_sine is not None
+        pose = torch.from_numpy(np.stack([c.ego_from_cam.matrix for c in whole.cameras])).float()
+        codes = tied.camera_sine(pose, 2, 3)
+    torch.testing.assert_close(other, one, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(both[:, :1], one, rtol=1e-4, atol=1e-4)
+    assert (codes[0] - codes[1]).abs().max() > 1e-3
 
 
 def test_batches_that_cannot_be_used_are_refused() -> None:

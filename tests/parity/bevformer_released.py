@@ -2,45 +2,37 @@
 
 from __future__ import annotations
 
-import ast
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 import torch
-from parity_files import FOLDER, filler
-from torch import Tensor
+from parity_files import filler, released_weights
 
 from coin3d.detectors import Batch, Method
 from coin3d.detectors.bevformer import BEVFormer
 from coin3d.detectors.bevformer_config import BEVFormerConfig
+from coin3d.detectors.released_bevformer import ReleasedBevFormer
 from coin3d.geometry.camera_tensors import CameraTensors
-from coin3d.training.released.bevformer_keys import bevformer_weights
+from coin3d.training.released.bevformer_keys import BEVFORMER_KEYS, bevformer_in_our_coding
 
-CONFIG = replace(BEVFormerConfig.released_nuscenes(), image_width_px=160, image_height_px=96)
+HEADINGS_DEG = (0.0, -55.0, 55.0, 180.0, -125.0, 125.0)  # of the fixture's cameras, whose last two are not as nuScenes has them
+CONFIG = replace(
+    BEVFormerConfig.released_nuscenes(),
+    image_width_px=160,
+    image_height_px=96,
+    released=ReleasedBevFormer(camera_headings_deg=HEADINGS_DEG),
+)
 CLASSES = tuple("abcdefghij")
-
-
-def released_shapes() -> dict[str, tuple[int, ...]]:
-    """Every key of the released file, with its shape."""
-    path = FOLDER / "bevformer_keys.txt"
-    if not path.is_file():
-        pytest.skip(f"{path} is absent; set COIN3D_PARITY to the folder of parity fixtures")
-    lines = (line.split(" ", 1) for line in path.read_text().splitlines())
-    return {key: ast.literal_eval(shape) for key, shape in lines}
+KEY_LIST = "bevformer_keys.txt"
 
 
 @cache
 def released_model() -> BEVFormer:
-    generated = filler()
-    weights: dict[str, Tensor] = {}
-    for key, shape in released_shapes().items():
-        value = generated.value(key, shape)
-        weights[key] = torch.zeros(shape, dtype=torch.long) if value is None else torch.from_numpy(value).float()
     with torch.device("meta"):
         model = BEVFormer(CONFIG, CLASSES, Method())
-    model.load_state_dict(bevformer_weights(weights, model.state_dict()), assign=True)
+    weights = BEVFORMER_KEYS.convert(released_weights(KEY_LIST), model.state_dict())
+    model.load_state_dict(bevformer_in_our_coding(weights), assign=True)
     return model.eval()
 
 

@@ -15,7 +15,7 @@ from coin3d.detectors.pillar_projection import image_from_bev, pillar_anchors, p
 from coin3d.detectors.query_boxes import decode_queries
 from coin3d.detectors.query_losses import query_losses, query_targets
 from coin3d.geometry import Boxes3D
-from coin3d.training.released.bevformer_keys import box_rows
+from coin3d.training.released.box_rows import our_box_rows
 
 torch.set_num_threads(1)
 FRAMES = ("1", "2")
@@ -75,7 +75,8 @@ def test_birds_eye_view(frame: str) -> None:
 @pytest.mark.parametrize("layer", range(6))
 def test_decoder_layers(frame: str, layer: int) -> None:
     result = outputs(frame)
-    in_our_coding = box_rows(torch.from_numpy(stored()[f"box{frame}"][layer]).movedim(-1, 0)).movedim(0, -1)
+    codes = torch.from_numpy(stored()[f"box{frame}"][layer]).movedim(-1, 0)
+    in_our_coding = our_box_rows(codes, "width-length").movedim(0, -1)
     assert error(result["class_logits"][layer], stored()[f"cls{frame}"][layer]) < 1e-4
     assert error(result["boxes"][layer], in_our_coding.numpy()) < 1e-4
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from parity_files import FOLDER, filler, fixture
+from parity_files import filler, fixture, released_weights
 from torch import Tensor
 
 from coin3d.detectors import Batch, BEVDepth
@@ -18,7 +18,6 @@ from coin3d.methods.coin3d import CoIn3D
 from coin3d.priors.released import ReleasedConventions
 from coin3d.training.released.coin3d_keys import COIN3D_KEYS, released_config, released_options
 
-KEY_LIST = FOLDER / "coin3d_bevdet_keys.txt"
 HEADS = {"reg": "offset", "height": "height", "dim": "size", "rot": "heading", "heatmap": "heatmap"}
 
 # file, moment of the rays, how the frame before comes, gains of the weights
@@ -29,27 +28,9 @@ CASES = [
 ]
 
 
-def released_shapes() -> dict[str, tuple[int, ...]]:
-    """Name -> shape of every weight of the released detector."""
-    if not KEY_LIST.is_file():
-        pytest.skip(f"{KEY_LIST} is absent; set COIN3D_PARITY to the folder of parity fixtures")
-    pairs = (line.split(maxsplit=1) for line in KEY_LIST.read_text().splitlines() if line.strip())
-    return {name: tuple(int(n) for n in shape.strip("() \n").split(",") if n.strip()) for name, shape in pairs}
-
-
 @lru_cache(maxsize=1)
-def released_weights(gain: str) -> dict[str, Tensor]:
-    generated, weights = filler(), {}
-    for name, shape in released_shapes().items():
-        value = generated.value(name, shape)
-        if value is None:
-            weights[name] = torch.zeros(shape, dtype=torch.long)
-            continue
-        for part, factor in getattr(generated, gain):
-            if part in name:
-                value = value * np.float32(factor)
-        weights[name] = torch.from_numpy(np.ascontiguousarray(value))
-    return weights
+def weights(gain: str) -> dict[str, Tensor]:
+    return released_weights("coin3d_bevdet_keys.txt", gain=getattr(filler(), gain))
 
 
 def detector(moment: Any, previous_by: Any) -> BEVDepth:
@@ -134,7 +115,7 @@ def thinned(ours: Tensor, theirs: np.ndarray) -> Tensor:
 def test_every_stage(name: str, moment: str, previous_by: str, gain: str) -> None:
     stored, generated = fixture(f"{name}.npz"), filler()
     model = detector(moment, previous_by)
-    model.load_state_dict(COIN3D_KEYS.convert(released_weights(gain), model.state_dict()))
+    model.load_state_dict(COIN3D_KEYS.convert(weights(gain), model.state_dict()))
     samples, both = stored["K"].shape[:2]
     tag = name.removeprefix("coin3d_det_")
     images = generated.randn(f"coin3d_img_{tag}", samples, both, 3, *stored["size"].tolist())
@@ -177,19 +158,9 @@ def test_every_stage(name: str, moment: str, previous_by: str, gain: str) -> Non
 def test_without_a_frame_before_its_place_is_zero() -> None:
     stored, generated = fixture("coin3d_det_nus6_128x352.npz"), filler()
     model = detector("ego_in_cam", "warp")
-    model.load_state_dict(COIN3D_KEYS.convert(released_weights("COIN3D_GAIN"), model.state_dict()))
+    model.load_state_dict(COIN3D_KEYS.convert(weights("COIN3D_GAIN"), model.state_dict()))
     images = generated.randn("coin3d_img_nus6_128x352", 1, 12, 3, 128, 352)
     with torch.inference_mode():
         outputs = model(frame(stored, images, 0))
     assert error(outputs["heatmap"], stored["noprev_heatmap"]).max() < 5e-4
     assert error(outputs["offset"][..., ::2, ::2], stored["noprev_reg"]).max() < 5e-4
-
-
-def test_every_released_weight_has_a_place() -> None:
-    with torch.device("meta"):
-        own = detector("ego_in_cam", "warp").state_dict()
-    shapes = {name: torch.empty(shape, device="meta") for name, shape in released_shapes().items()}
-    assert set(COIN3D_KEYS.convert(shapes, own)) == set(own) and len(own) == 601
-    del shapes["img_neck.fpn_convs.0.conv.bias"]
-    with pytest.raises(ValueError, match=r"neck\.out_conv\.bias"):
-        COIN3D_KEYS.convert(shapes, own)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
-from parity_files import FOLDER, filler, fixture
+from parity_files import filler, fixture, released_weights
 from torch import Tensor
 
 from coin3d.detectors.batch import Batch
@@ -21,11 +21,17 @@ from coin3d.detectors.query_losses import QueryLossWeights, QueryTargets, query_
 from coin3d.geometry import Boxes3D, wrap_angle
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.methods import Method
-from coin3d.training.released.petr_keys import box_rows, convert_petr, left_out, released_name
+from coin3d.training.released.box_rows import our_box_rows
+from coin3d.training.released.petr_keys import PETR_KEYS, petr_in_our_conventions
 
 HEIGHT_PX, WIDTH_PX = 64, 160
 CLASSES = tuple(f"class{i}" for i in range(10))
-CONVENTIONS = ReleasedQueryConventions(lidar_in_ego_m=(0.0, 0.0, 0.0), lidar_yaw_rad=0.0, point_in_cell_px=0.0)
+CONVENTIONS = ReleasedQueryConventions(
+    lidar_in_ego_m=(0.0, 0.0, 0.0),
+    lidar_yaw_rad=0.0,
+    point_in_cell_px=0.0,
+    camera_headings_deg=(90.0, 35.0, 145.0, -90.0, -35.0, -145.0),
+)
 
 
 @dataclass(frozen=True)
@@ -41,27 +47,14 @@ class Run:
     outputs: dict[str, Tensor]
 
 
-def released_weights() -> dict[str, Tensor]:
-    """What the released file would hold, were it made of the generator's numbers."""
-    generated, path = filler(), FOLDER / "petr_keys.txt"
-    if not path.is_file():
-        pytest.skip(f"{path} is absent; set COIN3D_PARITY to the folder of parity fixtures")
-    weights = {}
-    for line in path.read_text().splitlines():
-        name, _, text = line.partition(" ")
-        shape = tuple(int(n) for n in text.strip("()").split(",") if n.strip())
-        value = generated.value(generated.petr_canon(name), shape)
-        weights[name] = torch.zeros(shape) if value is None else torch.from_numpy(np.ascontiguousarray(value))
-    return weights
-
-
 @pytest.fixture(scope="module")
 def run() -> Run:
     stored, generated = fixture("petr_vov_64x160.npz"), filler()
     config = replace(PETRConfig.released_nuscenes(), image_width_px=WIDTH_PX, image_height_px=HEIGHT_PX, released=CONVENTIONS)
     with torch.device("meta"):
         model = PETR(config, CLASSES, Method())
-    model.load_state_dict(convert_petr(released_weights(), model.state_dict()), assign=True)
+    weights = PETR_KEYS.convert(released_weights("petr_keys.txt", generated.petr_canon), model.state_dict())
+    model.load_state_dict(petr_in_our_conventions(weights, "width-length"), assign=True)
     model.eval()
     images = generated.randn("petr_img", 6, 3, HEIGHT_PX, WIDTH_PX).flip(1)  # BGR, as the released detector reads them
     batch = Batch(images, fixture_cameras(stored["lidar2img"]), torch.zeros(6, dtype=torch.long), torch.eye(3)[None])
@@ -98,8 +91,8 @@ def assert_near(ours: Tensor, theirs: np.ndarray, tolerance: float) -> None:
 
 
 def in_our_code(theirs: np.ndarray) -> np.ndarray:
-    rows, signs = box_rows("authors")
-    return theirs[..., rows] * np.asarray(signs, dtype=np.float32)
+    codes = torch.from_numpy(theirs).movedim(-1, 0)
+    return our_box_rows(codes, "width-length").movedim(0, -1).numpy()
 
 
 def test_image_trunk_and_neck(run: Run) -> None:
@@ -182,11 +175,3 @@ def test_losses_of_stored_outputs(run: Run) -> None:
 def test_losses_end_to_end(run: Run) -> None:
     ours = query_losses(run.outputs["class_logits"], run.outputs["boxes"], targets(run), run.model.config.weights)
     assert_losses(ours, run.stored, 1e-4)
-
-
-def test_every_released_name_is_mapped_or_left_out(run: Run) -> None:
-    ours = {released_name(name) for name in run.model.state_dict()}
-    names = {line.split(" ")[0] for line in (FOLDER / "petr_keys.txt").read_text().splitlines()}
-    assert len(names) == 854
-    assert ours <= names
-    assert all(left_out(name) for name in names - ours)

@@ -34,7 +34,7 @@ def detect(
     Writes detections.json (all boxes, in metres and radians) and, per frame, all images with boxes and a top view.
 
     The shipped weights (town-coin3d, town-direct) know only the town, a synthetic street world. Weights for real streets
-    come by converting released checkpoints, which this version cannot do yet.
+    come by converting released checkpoints (coin3d convert) or by training on your own recordings.
 
     Try:
       coin3d detect town-coin3d out/demo/data/waymo --out out/boxes

@@ -101,7 +101,8 @@ def class_map_for(choice: ClassChoice | None, detected: tuple[str, ...] | None =
     maps = {"merged-car": MERGED_CAR, "plain-car": PLAIN_CAR, "three-class": THREE_CLASS}
     if choice is None:
         choice = "merged-car" if detected == MERGED_CAR.classes else "three-class"
-    if detected is not None and (missing := [c for c in maps[choice].classes if c not in detected]):
+    found = {maps[choice].mapping.get(name) for name in detected or ()}
+    if detected is not None and (missing := [c for c in maps[choice].classes if c not in found]):
         raise ValueError(
             f"--classes {choice} scores {', '.join(missing)}, but this checkpoint only knows {', '.join(detected)}; "
             "choose other classes"

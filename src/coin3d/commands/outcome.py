@@ -12,14 +12,21 @@ RESULT_FILE = "result.json"
 _LISTED = 8
 
 
-def finish(out: Path, result: Mapping[str, Any], pictures: Sequence[Path] = ()) -> None:
-    """Write ``result.json``, atomically, and say where it and the pictures are."""
-    write_json(out / RESULT_FILE, {**result, "pictures": [str(p) for p in pictures]})
+def finish(out: Path, result: Mapping[str, Any], pictures: Sequence[Path] = (), name: str = RESULT_FILE) -> None:
+    """Write ``result.json``, atomically, and say where it and the pictures are.
+
+    Args:
+        out: folder for it.
+        result: what it says.
+        pictures: files that were drawn.
+        name: of the file, for a verb that shares its folder with others of its kind.
+    """
+    write_json(out / name, {**result, "pictures": [str(p) for p in pictures]})
     for picture in pictures[:_LISTED]:
         print(f"picture: {picture}")
     if len(pictures) > _LISTED:
         print(f"... and {len(pictures) - _LISTED} more pictures in {pictures[-1].parent}")
-    print(f"result:  {out / RESULT_FILE}")
+    print(f"result:  {out / name}")
 
 
 def spread(count: int, wanted: int) -> list[int]:

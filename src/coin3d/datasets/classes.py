@@ -1,6 +1,7 @@
 """Class maps: a data set's own category names to the classes a detector is trained and scored on.
 
-One map knows the names of nuScenes, Lyft, Waymo and DDAD together, because their names do not collide in meaning. Names that
+One map knows the names of nuScenes, Lyft, Waymo and DDAD together, because their names do not collide in meaning; those of
+nuScenes' ten detection classes as well, which released detectors find. Names that
 are left out on purpose are listed, so that a name nobody has thought of is an error and never silently dropped.
 """
 
@@ -19,10 +20,12 @@ PEDESTRIAN = "pedestrian"
 TWO_WHEEL = "two-wheel"
 
 _PLAIN_CARS = ("vehicle.car", "car", "VEHICLE", "Car")
-# what the merged "car" adds: nuScenes truck, bus, trailer, construction vehicle; Lyft truck, bus, emergency, other; DDAD's
+# what the merged "car" adds: nuScenes truck, bus, trailer, construction vehicle; Lyft truck, bus, emergency, other; nuScenes'
+# detection classes; DDAD's
 _OTHER_CARS = (
     "vehicle.truck", "vehicle.bus.bendy", "vehicle.bus.rigid", "vehicle.trailer", "vehicle.construction",
     "truck", "bus", "emergency_vehicle", "other_vehicle",
+    "construction_vehicle", "trailer",
     "Truck", "Bus/RV/Caravan", "Trailer", "Towed Object",
 )  # fmt: skip
 _PEDESTRIANS = (
@@ -36,10 +39,10 @@ _NEVER = (
     "vehicle.emergency.ambulance", "vehicle.emergency.police", "human.pedestrian.personal_mobility",
     "human.pedestrian.stroller", "human.pedestrian.wheelchair", "animal", "movable_object.barrier",
     "movable_object.debris", "movable_object.pushable_pullable", "movable_object.trafficcone",
-    "static_object.bicycle_rack", "SIGN", "UNKNOWN", "Train", "Wheeled Slow",
+    "static_object.bicycle_rack", "barrier", "traffic_cone", "SIGN", "UNKNOWN", "Train", "Wheeled Slow",
 )  # fmt: skip
 KNOWN_CATEGORIES = frozenset((*_PLAIN_CARS, *_OTHER_CARS, *_PEDESTRIANS, *_TWO_WHEELERS, *_NEVER))
-"""Every category name of nuScenes, Lyft, Waymo and DDAD, and the unified names themselves."""
+"""Every category name of nuScenes, Lyft, Waymo and DDAD, nuScenes' detection classes, and the unified names themselves."""
 
 
 @dataclass(frozen=True)

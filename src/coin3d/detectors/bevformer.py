@@ -112,7 +112,7 @@ class BEVFormer(QueryDetector):
             queries = self.bev_queries.expand(batch.num_samples, -1, -1)
             history = self._history(previous_bev, previous_from_current, bev_from_ego)
         else:
-            features = self.released.features(features, batch.sample_index)
+            features = self.released.features(features, batch.cameras.ego_from_cam)
             queries, history = self.released.queries(
                 self.bev_queries, previous_bev, previous_from_current, bus, batch.num_samples
             )

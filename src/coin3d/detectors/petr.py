@@ -163,7 +163,9 @@ class PETR(QueryDetector):
         self.rays = PositionEmbedding3D(
             width, config.strides[0], config.rays, config.ray_space, released.point_in_cell_px if released else None
         )
-        self.camera_sine = CameraSineEmbedding(width) if released and released.camera_sine else None
+        self.camera_sine = (
+            CameraSineEmbedding(width, released.camera_headings_deg) if released and released.camera_sine else None
+        )
         self._positions: RigMemory[Tensor] = RigMemory()
         self.reference_points = nn.Parameter(torch.rand(config.queries, 3))
         codes = len(sine_code(torch.zeros(()))) * 3
@@ -215,7 +217,7 @@ class PETR(QueryDetector):
     def _position(self, batch: Batch) -> Float[Tensor, "m c h w"]:
         position: Tensor = self.rays(batch.cameras, self._target_from_ego(batch)[batch.sample_index])
         if self.camera_sine is not None:
-            position = position + self.camera_sine(batch.sample_index, *position.shape[-2:])
+            position = position + self.camera_sine(batch.cameras.ego_from_cam, *position.shape[-2:])
         return position
 
     def _remembered_position(self, batch: Batch) -> Float[Tensor, "m c h w"]:

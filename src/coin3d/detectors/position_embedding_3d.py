@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
+from coin3d.detectors.camera_seats import camera_seats
 from coin3d.detectors.space_range import SpaceRange, inverse_sigmoid
 from coin3d.geometry.camera_tensors import CameraTensors
 
@@ -87,20 +88,24 @@ class PositionEmbedding3D(nn.Module):
 
 
 class CameraSineEmbedding(nn.Module):
-    """Sine code of (camera index, row, column), each as a share of its count, then a two-layer network.
+    """Sine code of (camera, row, column), each counted from 1 as a share of its number, then a two-layer network.
 
     For released weights: their author advises against it for rigs they were not trained on (spec detectors 3).
+
+    Args:
+        channels: of the embedding.
+        headings_deg: where the cameras look that are told apart, in their order.
     """
 
-    def __init__(self, channels: int) -> None:
+    def __init__(self, channels: int, headings_deg: tuple[float, ...]) -> None:
         super().__init__()
+        self.headings_deg = headings_deg
         self.mlp = _mlp(3 * _SINE_CHANNELS, channels)
 
-    def forward(self, sample_index: Int[Tensor, "m"], h: int, w: int) -> Float[Tensor, "m c h w"]:
-        """Embedding of M cameras with feature maps of h rows and w columns; cameras of a sample follow each other."""
-        _, counts = torch.unique_consecutive(sample_index, return_counts=True)
-        camera = torch.cat([(torch.arange(n, device=counts.device) + 1) / n for n in counts.tolist()])
-        row, column = ((torch.arange(n, device=counts.device) + 1) / n for n in (h, w))
+    def forward(self, ego_from_cam: Float[Tensor, "m 4 4"], h: int, w: int) -> Float[Tensor, "m c h w"]:
+        """Embedding of M cameras with feature maps of h rows and w columns."""
+        camera = (camera_seats(ego_from_cam, self.headings_deg) + 1) / len(self.headings_deg)
+        row, column = ((torch.arange(n, device=camera.device) + 1) / n for n in (h, w))
         shape = len(camera), h, w, _SINE_CHANNELS
         codes = [
             sine_code(camera)[:, None, None].expand(shape),

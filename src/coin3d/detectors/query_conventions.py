@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from coin3d.detectors.camera_seats import NUSCENES_HEADINGS_DEG
 from coin3d.geometry import Pose
 
 
@@ -18,14 +19,15 @@ class ReleasedQueryConventions:
         lidar_yaw_rad: heading of its x axis in the ego frame.
         point_in_cell_px: the pixel whose ray stands for a feature cell, from the cell's upper left corner. The released code
             takes corners in pixels whose first centre is 0; after its resize by 0.5 that is 0.25 here.
-        camera_sine: add an embedding of the camera's index among the cameras of its rig, which ties the weights to their
-            number and order.
+        camera_sine: add an embedding of which camera of the rig it is, which ties the weights to nuScenes' rig.
+        camera_headings_deg: where the cameras of that rig look, in their order (see ``camera_seats``).
     """
 
     lidar_in_ego_m: tuple[float, float, float] = (0.943713, 0.0, 1.84023)
     lidar_yaw_rad: float = -math.pi / 2
     point_in_cell_px: float = 0.25
     camera_sine: bool = True
+    camera_headings_deg: tuple[float, ...] = NUSCENES_HEADINGS_DEG
 
     @property
     def ego_from_lidar(self) -> Pose:

@@ -1,8 +1,8 @@
 """What the released BEVFormer weights expect beyond ours, for converted weights and parity tests only (spec detectors 2).
 
 Models trained by this project use none of it. The differences, all of them in this file: the network works in nuScenes'
-LiDAR frame (x right, y forward, on the roof), with pixels counted from 0; six cameras in one order have an
-embedding each; numbers of the vehicle's bus enter the queries; the previous bird's-eye view is turned to the nearest cell
+LiDAR frame (x right, y forward, on the roof), with pixels counted from 0; each of nuScenes' six cameras has an
+embedding; numbers of the vehicle's bus enter the queries; the previous bird's-eye view is turned to the nearest cell
 about a point outside of it and shifted by the translation in the sampling points; all encoder layers see the present as
 it was before the first.
 """
@@ -13,11 +13,12 @@ import math
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
 from coin3d.detectors.bev_history import BevHistory
+from coin3d.detectors.camera_seats import NUSCENES_HEADINGS_DEG, camera_seats
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.detectors.pillar_projection import cell_centres
 from coin3d.geometry.pose import Pose
@@ -28,7 +29,7 @@ class ReleasedBevFormer:
     """Constants of the released weights.
 
     Args:
-        cameras: embeddings, for front, front right, front left, back, back left, back right.
+        camera_headings_deg: where the cameras look that have embeddings, in their order (see ``camera_seats``).
         levels: level embeddings, of which the one-level network uses the first.
         bus_numbers: translation since the last frame (3), orientation quaternion (4), accelerations, rates and speeds (9),
             heading in radians, turn since the last frame in degrees.
@@ -39,7 +40,7 @@ class ReleasedBevFormer:
         lidar_yaw_rad: direction of its x axis (right) in the ego frame.
     """
 
-    cameras: int = 6
+    camera_headings_deg: tuple[float, ...] = NUSCENES_HEADINGS_DEG
     levels: int = 4
     bus_numbers: int = 18
     turn_centre_cells: tuple[float, float] = (100.0, 100.0)
@@ -65,7 +66,7 @@ class ReleasedParts(nn.Module):
     def __init__(self, conventions: ReleasedBevFormer, grid: BevGrid, channels: int) -> None:
         super().__init__()
         self.conventions, self.grid = conventions, grid
-        self.camera_embedding = nn.Parameter(torch.randn(conventions.cameras, channels))
+        self.camera_embedding = nn.Parameter(torch.randn(len(conventions.camera_headings_deg), channels))
         self.level_embedding = nn.Parameter(torch.randn(conventions.levels, channels))
         self.bus_mlp = nn.Sequential(
             nn.Linear(conventions.bus_numbers, channels // 2),
@@ -75,19 +76,10 @@ class ReleasedParts(nn.Module):
             nn.LayerNorm(channels),
         )
 
-    def features(self, features: Float[Tensor, "m c h w"], sample_index: Int[Tensor, "m"]) -> Float[Tensor, "m c h w"]:
-        """Image features with the embeddings of camera and level.
-
-        Raises:
-            ValueError: a sample has another number of cameras than there are embeddings.
-        """
-        counts = torch.bincount(sample_index)
-        if not bool((counts == self.conventions.cameras).all()):
-            raise ValueError(
-                f"the released weights know exactly {self.conventions.cameras} cameras (front, front right, front left, back, "
-                f"back left, back right), this batch has samples of {sorted(set(counts.tolist()))}"
-            )
-        embedding = self.camera_embedding.repeat(len(counts), 1) + self.level_embedding[0]
+    def features(self, features: Float[Tensor, "m c h w"], ego_from_cam: Float[Tensor, "m 4 4"]) -> Float[Tensor, "m c h w"]:
+        """Image features with the embeddings of camera and level; a camera's is that of the one that looked the same way."""
+        seats = camera_seats(ego_from_cam, self.conventions.camera_headings_deg)
+        embedding = self.camera_embedding[seats] + self.level_embedding[0]
         return features + embedding[:, :, None, None]
 
     def queries(

@@ -66,7 +66,7 @@ def read_description(path: Path) -> dict[str, Any]:
     except (SafetensorError, OSError) as error:
         raise ValueError(f"{path}: not a complete safetensors file ({error}); is it truncated?") from error
     if "coin3d" not in metadata:
-        raise ValueError(f"{path}: a safetensors file, but not a checkpoint made by coin3d train")
+        raise ValueError(f"{path}: a safetensors file, but not a checkpoint made by coin3d train or convert")
     description: dict[str, Any] = json.loads(metadata["coin3d"])
     if description.get("format") != FORMAT:
         raise ValueError(f"{path}: checkpoint format {description.get('format')}, this version reads {FORMAT}")

@@ -54,7 +54,7 @@ def predict(
 
 
 def score_frames(frames: Sequence[Frame], predictions: dict[str, Boxes3D], class_map: ClassMap, protocol: Protocol) -> Report:
-    """Score predictions against the annotations of the frames.
+    """Score predictions against the annotations of the frames, both with the classes of the map.
 
     Raises:
         ValueError: a frame without annotations.
@@ -64,4 +64,5 @@ def score_frames(frames: Sequence[Frame], predictions: dict[str, Boxes3D], class
         if frame.boxes is None:
             raise ValueError(f"frame {frame.token} has no annotations to score against; coin3d detect needs none")
         truth[frame.token] = class_map.apply(frame.boxes)
-    return score(truth, predictions, {frame.token: frame.rig for frame in frames}, protocol)
+    found = {token: class_map.apply(boxes) for token, boxes in predictions.items()}
+    return score(truth, found, {frame.token: frame.rig for frame in frames}, protocol)

@@ -2,136 +2,71 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
-from typing import Literal
+from collections.abc import Mapping
 
-import torch
 from torch import Tensor
 
-Source = Literal["authors", "mmdet3d"]
-"""Whose file: the authors' stores (log width, log length), the port to mmdet3d (log length, log width)."""
+from coin3d.training.released.box_rows import SizeOrder, our_box_rows
+from coin3d.training.released.key_map import KeyMap
 
-_PARTS = ("conv", "norm")
-_HEAD = "pts_bbox_head."
-_LAYER = _HEAD + "transformer.decoder.layers."
-_FEED_FORWARD = {"0": "0.0", "3": "1"}
-_NAMES: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
-    (r"backbone\.stem\.(\d)\.(\d)\.(.+)", lambda m: f"img_backbone.stem.stem_{int(m[1]) + 1}/{_PARTS[int(m[2])]}.{m[3]}"),
+_PARTS = {"conv": 0, "norm": 1}
+_FEED_FORWARD = {"0.0": 0, "1": 3}
+_STAGE = r"img_backbone\.stage([2-5])\.OSA\1_(\d)\."
+_HEAD = r"pts_bbox_head\."
+_LAYER = _HEAD + r"transformer\.decoder\.layers\.(\d+)\."
+
+PETR_KEYS = KeyMap(
+    "the released PETR-VoV",
     (
-        r"backbone\.stages\.(\d)\.(\d)\.layers\.(\d)\.(\d)\.(.+)",
-        lambda m: f"{_stage(m)}.layers.{m[3]}.{_block(m)}_{m[3]}/{_PARTS[int(m[4])]}.{m[5]}",
+        (
+            r"img_backbone\.stem\.stem_([123])/(conv|norm)\.(.+)",
+            lambda m: f"backbone.stem.{int(m[1]) - 1}.{_PARTS[m[2]]}.{m[3]}",
+        ),
+        (
+            _STAGE + r"layers\.(\d)\.OSA\1_\2_\3/(conv|norm)\.(.+)",
+            lambda m: f"backbone.stages.{int(m[1]) - 2}.{int(m[2]) - 1}.layers.{m[3]}.{_PARTS[m[4]]}.{m[5]}",
+        ),
+        (
+            _STAGE + r"concat\.OSA\1_\2_concat/(conv|norm)\.(.+)",
+            lambda m: f"backbone.stages.{int(m[1]) - 2}.{int(m[2]) - 1}.join.{_PARTS[m[3]]}.{m[4]}",
+        ),
+        (_STAGE + r"ese\.fc\.(.+)", lambda m: f"backbone.stages.{int(m[1]) - 2}.{int(m[2]) - 1}.gate.{m[3]}"),
+        (r"img_neck\.lateral_convs\.(\d)\.conv\.(.+)", r"neck.lateral_convs.\1.\2"),
+        (r"img_neck\.fpn_convs\.0\.conv\.(.+)", r"neck.out_conv.\1"),
+        (_HEAD + r"((?:input_proj|query_embedding)\..+)", r"\1"),
+        (_HEAD + r"position_encoder\.(.+)", r"rays.mlp.\1"),
+        (_HEAD + r"adapt_pos3d\.(.+)", r"camera_sine.mlp.\1"),
+        (_HEAD + r"reference_points\.weight", "reference_points"),
+        (_HEAD + r"cls_branches\.[0-5]\.(.+)", r"class_branch.\1"),  # all decoder layers share one branch
+        (_HEAD + r"reg_branches\.[0-5]\.(.+)", r"box_branch.\1"),
+        (_LAYER + r"attentions\.0\.attn\.(.+)", r"decoder.layers.\1.among_queries.\2"),
+        (_LAYER + r"attentions\.1\.attn\.(.+)", r"decoder.layers.\1.to_memory.\2"),
+        (
+            _LAYER + r"ffns\.0\.layers\.(0\.0|1)\.(.+)",
+            lambda m: f"decoder.layers.{m[1]}.feed_forward.{_FEED_FORWARD[m[2]]}.{m[3]}",
+        ),
+        (_LAYER + r"norms\.(.+)", r"decoder.layers.\1.norms.\2"),
+        (_HEAD + r"transformer\.decoder\.post_norm\.(.+)", r"decoder.norm.\1"),
     ),
-    (
-        r"backbone\.stages\.(\d)\.(\d)\.join\.(\d)\.(.+)",
-        lambda m: f"{_stage(m)}.concat.{_block(m)}_concat/{_PARTS[int(m[3])]}.{m[4]}",
-    ),
-    (r"backbone\.stages\.(\d)\.(\d)\.gate\.(.+)", lambda m: f"{_stage(m)}.ese.fc.{m[3]}"),
-    (r"neck\.lateral_convs\.(\d)\.(.+)", lambda m: f"img_neck.lateral_convs.{m[1]}.conv.{m[2]}"),
-    (r"neck\.out_conv\.(.+)", lambda m: f"img_neck.fpn_convs.0.conv.{m[1]}"),
-    (r"((?:input_proj|query_embedding)\..+)", lambda m: f"{_HEAD}{m[1]}"),
-    (r"rays\.mlp\.(.+)", lambda m: f"{_HEAD}position_encoder.{m[1]}"),
-    (r"camera_sine\.mlp\.(.+)", lambda m: f"{_HEAD}adapt_pos3d.{m[1]}"),
-    (r"reference_points", lambda m: f"{_HEAD}reference_points.weight"),
-    (r"class_branch\.(.+)", lambda m: f"{_HEAD}cls_branches.0.{m[1]}"),
-    (r"box_branch\.(.+)", lambda m: f"{_HEAD}reg_branches.0.{m[1]}"),
-    (r"decoder\.layers\.(\d+)\.among_queries\.(.+)", lambda m: f"{_LAYER}{m[1]}.attentions.0.attn.{m[2]}"),
-    (r"decoder\.layers\.(\d+)\.to_memory\.(.+)", lambda m: f"{_LAYER}{m[1]}.attentions.1.attn.{m[2]}"),
-    (
-        r"decoder\.layers\.(\d+)\.feed_forward\.([03])\.(.+)",
-        lambda m: f"{_LAYER}{m[1]}.ffns.0.layers.{_FEED_FORWARD[m[2]]}.{m[3]}",
-    ),
-    (r"decoder\.layers\.(\d+)\.norms\.(.+)", lambda m: f"{_LAYER}{m[1]}.norms.{m[2]}"),
-    (r"decoder\.norm\.(.+)", lambda m: f"{_HEAD}transformer.decoder.post_norm.{m[1]}"),
+    ((_HEAD + r"code_weights", "weights of the box loss, part of the recipe and not of the network"),),
 )
-_SHARED_COPY = re.compile(_HEAD.replace(".", r"\.") + r"((?:cls|reg)_branches)\.[1-9]\d*\.(.+)")
+"""Names of ``PETR(PETRConfig.released_nuscenes(), ...)``."""
 
 
-def released_name(ours: str) -> str:
-    """The released name of one of our weights.
-
-    Raises:
-        ValueError: PETR has no such weight.
-    """
-    for pattern, rename in _NAMES:
-        if found := re.fullmatch(pattern, ours):
-            return rename(found)
-    raise ValueError(f"'{ours}' is no weight of a released PETR-VoV")
-
-
-def left_out(released: str) -> str | None:
-    """Why a released weight has no counterpart, or None if it must have one."""
-    if _SHARED_COPY.fullmatch(released):
-        return "a copy of the branch that all decoder layers share"
-    if released == f"{_HEAD}code_weights":
-        return "weights of the loss, which are part of the configuration"
-    return None
-
-
-def convert_petr(
-    released: Mapping[str, Tensor], expected: Mapping[str, Tensor], source: Source = "authors"
-) -> dict[str, Tensor]:
-    """Weights for ``PETR(PETRConfig.released_nuscenes(), ...)``.
-
-    The converted network reads RGB where the released one read BGR, and its boxes are coded as all of ours are.
+def petr_in_our_conventions(weights: Mapping[str, Tensor], sizes: SizeOrder) -> dict[str, Tensor]:
+    """Renamed weights for RGB images, with boxes coded as ours and sines that alternate with cosines.
 
     Args:
-        released: the released weights by name.
-        expected: the state dict of the detector they are for; only its shapes are read.
-        source: whose file.
-
-    Raises:
-        ValueError: a weight that is unknown, missing, of another shape or, of a shared branch, differs between its copies.
+        weights: with our names and the released numbers.
+        sizes: the authors' file stores width before length, the port to mmdet3d length before width.
     """
-    names = {ours: released_name(ours) for ours in expected}
-    if missing := [name for name in names.values() if name not in released]:
-        raise ValueError(f"the file lacks '{missing[0]}' ({len(missing)} weights missing): it is no complete PETR-VoV")
-    for name in released.keys() - set(names.values()):
-        if left_out(name) is None:
-            raise ValueError(f"the file has '{name}', which is no weight of PETR-VoV: it belongs to another detector")
-        _check_copy(name, released)
-    for ours, name in names.items():
-        if (found := tuple(released[name].shape)) != (wanted := tuple(expected[ours].shape)):
-            raise ValueError(f"'{name}' has the shape {found} instead of {wanted}: the file is of another size of PETR")
-    return _rearranged({ours: released[name].to(expected[ours].dtype) for ours, name in names.items()}, source)
-
-
-def box_rows(source: Source) -> tuple[list[int], list[float]]:
-    """Rows of the last regression layer in the order of our code, and their signs.
-
-    The released yaw is -yaw - pi/2, so that sin(yaw) = -cos(released) and cos(yaw) = -sin(released).
-    """
-    size = [3, 2] if source == "authors" else [2, 3]
-    return [0, 1, *size, 4, 5, 7, 6, 8, 9], [1.0] * 6 + [-1.0, -1.0, 1.0, 1.0]
-
-
-def _rearranged(converted: dict[str, Tensor], source: Source) -> dict[str, Tensor]:
-    weight, bias, first = "box_branch.4.weight", "box_branch.4.bias", "backbone.stem.0.0.weight"
-    sine = "camera_sine.mlp.0.weight"
-    rows, signs = box_rows(source)
-    sign = torch.tensor(signs)
-    # of camera, row and column the released code lists all sines, then all cosines; we let them alternate
-    channels = converted[sine].shape[1]
-    of_three = converted[sine].reshape(-1, 3, 2, channels // 6)
+    first, sine = "backbone.stem.0.0.weight", "camera_sine.mlp.0.weight"
+    boxes = ("box_branch.4.weight", "box_branch.4.bias")
+    # of camera, row and column the released code lists all sines, then all cosines
+    of_three = weights[sine].reshape(len(weights[sine]), 3, 2, -1)
     return {
-        **converted,
-        weight: converted[weight][rows] * sign[:, None],
-        bias: converted[bias][rows] * sign,
-        first: converted[first].flip(1),
-        sine: of_three.transpose(2, 3).reshape(converted[sine].shape),
+        **weights,
+        **{name: our_box_rows(weights[name], sizes) for name in boxes},
+        first: weights[first].flip(1),
+        sine: of_three.transpose(2, 3).reshape(weights[sine].shape),
     }
-
-
-def _check_copy(name: str, released: Mapping[str, Tensor]) -> None:
-    if found := _SHARED_COPY.fullmatch(name):
-        original = f"{_HEAD}{found[1]}.0.{found[2]}"
-        if original not in released or not torch.equal(released[name], released[original]):
-            raise ValueError(f"'{name}' differs from '{original}': PETR shares one branch among its decoder layers")
-
-
-def _block(match: re.Match[str]) -> str:
-    return f"OSA{int(match[1]) + 2}_{int(match[2]) + 1}"
-
-
-def _stage(match: re.Match[str]) -> str:
-    return f"img_backbone.stage{int(match[1]) + 2}.{_block(match)}"
