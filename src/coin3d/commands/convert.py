@@ -36,7 +36,7 @@ def convert(
         released: the file as it was released.
         out: the checkpoint to write.
         source: whose file it is: coin3d-nuscenes, coin3d-lyft, coin3d-waymo, coin3d-mix, bevformer-tiny, petr-vov,
-            petr-vov-mmdet3d. Needed where several have the same names and shapes.
+            petr-vov-mmdet3d, megvii-2key, megvii-2key-da. Needed where several have the same names and shapes.
     """
     from coin3d.training.checkpoint import save_checkpoint
     from coin3d.training.released.released_file import read_released

@@ -6,11 +6,6 @@ Files of averaged weights (``_ema``) hold the same names.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from torch import Tensor
-
-from coin3d.detectors import BEVDepthConfig
 from coin3d.methods import DirectOptions
 from coin3d.methods.released_camera_numbers import ReleasedCameraNumbers
 from coin3d.training.released.key_map import KeyMap
@@ -76,22 +71,6 @@ MEGVII_KEYS = KeyMap(
     ),
 )
 """Every weight has a place; only what the configuration says already is left out."""
-
-
-def megvii_config(released: Mapping[str, Tensor]) -> BEVDepthConfig:
-    """The detector that released weights belong to, told by what they hold: its frames and depth aggregation.
-
-    Raises:
-        ValueError: the weight that tells the number of frames is missing, or of a shape that no number of frames explains.
-    """
-    stem = next((tensor for name, tensor in released.items() if name.endswith("head.trunk.conv1.weight")), None)
-    if stem is None:
-        raise ValueError(f"the file lacks 'head.trunk.conv1.weight' of {MEGVII_KEYS.source}; is it of another detector?")
-    context = BEVDepthConfig.released_megvii().context_channels
-    frames, rest = divmod(stem.shape[1], context)
-    if rest or frames not in (1, 2):
-        raise ValueError(f"'head.trunk.conv1.weight' reads {stem.shape[1]} channels; one or two frames have {context} each")
-    return BEVDepthConfig.released_megvii(frames, any("depth_aggregation_net." in name for name in released))
 
 
 def megvii_options() -> DirectOptions:

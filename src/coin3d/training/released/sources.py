@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from coin3d.datasets.classes import CAR, PEDESTRIAN, TWO_WHEEL
+from coin3d.detectors.bevdepth_config import BEVDepthConfig
 from coin3d.detectors.bevformer_config import BEVFormerConfig
 from coin3d.detectors.petr import PETRConfig
 from coin3d.methods import NoOptions
@@ -19,6 +20,7 @@ from coin3d.training.checkpoint import build_detector, describe
 from coin3d.training.released.bevformer_keys import BEVFORMER_KEYS, bevformer_in_our_coding
 from coin3d.training.released.coin3d_keys import COIN3D_KEYS, released_config, released_options
 from coin3d.training.released.key_map import KeyMap
+from coin3d.training.released.megvii_keys import MEGVII_KEYS, megvii_options
 from coin3d.training.released.petr_keys import PETR_KEYS, petr_in_our_conventions
 
 
@@ -166,6 +168,24 @@ _PETR_PORT = Source(
     keys=PETR_KEYS,
     rearrange=partial(petr_in_our_conventions, sizes="length-width"),
 )
+
+
+def _megvii(name: str, file: str, depth_aggregation: bool) -> Source:
+    config = BEVDepthConfig.released_megvii(2, depth_aggregation)
+    assert config.megvii is not None
+    return Source(
+        name=name,
+        title=f"BEVDepth of Megvii with two key frames, {file} and its averaged (ema) twin",
+        notes="trained on nuScenes by the authors of BEVDepth; converted",
+        detector="bevdepth",
+        config=config,
+        classes=config.megvii.classes,
+        keys=MEGVII_KEYS,
+        method="direct",
+        options=megvii_options(),
+    )
+
+
 SOURCES = (
     _coin3d("nuscenes", "nuScenes", 384),
     _coin3d("lyft", "Lyft", 384),
@@ -174,5 +194,7 @@ SOURCES = (
     _BEVFORMER,
     _PETR,
     _PETR_PORT,
+    _megvii("megvii-2key", "bev_depth_lss_r50_256x704_128x128_24e_2key.pth", depth_aggregation=False),
+    _megvii("megvii-2key-da", "bev_depth_lss_r50_256x704_128x128_20e_cbgs_2key_da.pth", depth_aggregation=True),
 )
 """Adding one is adding an entry here (and a row in docs/convert.md)."""
