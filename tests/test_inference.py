@@ -101,3 +101,13 @@ def test_real_images_typed_rig(detector: LoadedDetector, one_real_frame: Path) -
     frame = open_recording(one_real_frame)[0]
     boxes = detector.detect({name: Path(str(frame.images[name])) for name in frame.rig}, frame.rig)
     assert len(boxes) > 0 and np.isfinite(boxes.centre_m).all()
+
+
+def test_other_number_formats_and_compiled_trunks_give_nearly_the_same(tmp_path: Path) -> None:
+    path = write_checkpoint(tmp_path / "model.safetensors")
+    exact = coin3d.load(path, "cpu")
+    detectors = exact, coin3d.load(path, "cpu", precision="bfloat16"), coin3d.load(path, "cpu", compiled=True)
+    scores, half, compiled = (detector.detect(IMAGES, RIG).scores[:5] for detector in detectors)
+    np.testing.assert_allclose(half, scores, atol=0.02)
+    np.testing.assert_allclose(compiled, scores, atol=1e-4)
+    assert not np.array_equal(half, scores)

@@ -15,6 +15,7 @@ from coin3d.commands.check import check
 from coin3d.commands.demo import demo
 from coin3d.commands.detect import detect
 from coin3d.commands.evaluate import evaluate
+from coin3d.commands.pretrain import pretrain
 from coin3d.commands.render import render
 from coin3d.commands.rig import rig
 from coin3d.commands.town import town
@@ -28,6 +29,7 @@ VERBS: dict[str, Callable[..., None]] = {
     "town": town,
     "build-scenes": build_scenes,
     "render": render,
+    "pretrain": pretrain,
     "train": train,
     "evaluate": evaluate,
 }

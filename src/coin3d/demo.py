@@ -104,6 +104,7 @@ def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = 
         ValueError: ``out`` holds recordings made with other options.
     """
     detectors = [load(checkpoint, options.device) for checkpoint in options.checkpoints]  # before minutes of recording
+    names = _names(detectors)
     protocol = protocol_for(MERGED_CAR)
     tally = _Tally(out)
     seconds: dict[str, float] = {}
@@ -113,18 +114,17 @@ def run_demo(out: Path, options: DemoOptions, progress: Callable[[str], None] = 
         progress(f"recording {options.worlds} worlds through the {rig} rig")
         frames = _record(rig, out / "data" / rig, options, progress)
         seconds[f"record {rig}"] = round(time.monotonic() - began, 1)
-        for detector in detectors:
+        for detector, name in zip(detectors, names, strict=True):
             began = time.monotonic()
-            method = str(detector.description["method"])
-            progress(f"{method} on the {rig} rig")
+            progress(f"{name} on the {rig} rig")
             found = detector.detect_frames(frames, progress)
             report = score_frames(frames, found, MERGED_CAR, protocol)
-            seconds[f"detect {method} on {rig}"] = round(time.monotonic() - began, 1)
+            seconds[f"detect {name} on {rig}"] = round(time.monotonic() - began, 1)
             tally.rows.append(result_row(detector, report, f"town-{SOURCE_RIG}", f"town-{rig}"))
-            tally.reports.append((method, rig, report))
-            _draw(tally, rig, method, frames, found, report, options)
+            tally.reports.append((name, rig, report))
+            _draw(tally, rig, name, frames, found, report, options)
             if rig == TARGET_RIG:
-                tally.found_on_target[method] = {token: likely(boxes, options.min_score) for token, boxes in found.items()}
+                tally.found_on_target[name] = {token: likely(boxes, options.min_score) for token, boxes in found.items()}
     began = time.monotonic()
     novel_views = novel_view_pictures(
         _record_sweeps(out / "data" / f"{SOURCE_RIG}_sweeps", options, progress),
@@ -186,7 +186,7 @@ def _scored_truth(frame: Frame, report: Report) -> Boxes3D:
 def _draw(
     tally: _Tally,
     rig: str,
-    method: str,
+    name: str,
     frames: list[Frame],
     found: dict[str, Boxes3D],
     report: Report,
@@ -197,10 +197,30 @@ def _draw(
         frame = frames[(2 * place + 1) * len(frames) // (2 * options.shown)]
         truth = _scored_truth(frame, report)
         predictions = likely(found[frame.token], options.min_score)
-        title = f"{method} on the {rig} rig, {frame.scene}"
+        title = f"{name} on the {rig} rig, {frame.scene}"
         pictures = frame_pictures(frame, predictions, truth, title=title, width_px=1500)
-        tally.shown.append(Shown(rig, method, place, pictures))
-        tally.pictures += pictures.save(tally.out / "pictures", f"{rig}_{method}_{place}")
+        tally.shown.append(Shown(rig, name, place, pictures))
+        tally.pictures += pictures.save(tally.out / "pictures", f"{rig}_{name.replace(' ', '_')}_{place}")
+
+
+def _names(detectors: list[LoadedDetector]) -> list[str]:
+    """The shortest names that tell the detectors apart.
+
+    Raises:
+        ValueError: the same checkpoint twice, or one that does not know cars.
+    """
+    for detector in detectors:
+        if not set(MERGED_CAR.classes) <= set(detector.classes):
+            raise ValueError(f"{detector.path}: the demo scores cars, this checkpoint knows {', '.join(detector.classes)}")
+    about = [detector.description for detector in detectors]
+    for names in (
+        [str(d["method"]) for d in about],
+        [f"{d['detector']} {d['method']}" for d in about],
+        [f"{d['detector']} {d['method']} {detector.path.parent.name}" for d, detector in zip(about, detectors, strict=True)],
+    ):
+        if len(set(names)) == len(names):
+            return names
+    raise ValueError("the demo compares checkpoints of different detectors, methods or folders; two of these are alike")
 
 
 def _about(detector: LoadedDetector) -> str:

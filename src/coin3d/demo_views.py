@@ -37,7 +37,7 @@ def novel_view_pictures(
     Args:
         source: recording with LiDAR sweeps, through the source rig.
         target: frames of the same world at the same times, through the target rig.
-        found: method -> frame token of the target -> boxes worth drawing, in the ego frame.
+        found: name of a detector -> frame token of the target -> boxes worth drawing, in the ego frame.
         truth: boxes of a target frame as scored, in the ego frame.
         out: folder; ``gaussians`` and ``pictures`` appear in it.
         width_px: of the images the Gaussians are built from.
@@ -60,7 +60,7 @@ def novel_view_pictures(
     names = as_seen(after.rig)
     panels = [Panel(after.image(name), f"{name}: recorded") for name in names]
     panels += [Panel(rendered[name].rgb, f"{name}: rendered from the {before.rig.name} rig's images") for name in names]
-    boxes = {method: found[method][after.token] for method in found}
+    boxes = {name: found[name][after.token] for name in found}
     title = f"boxes found through the {after.rig.name} rig, {after.scene}"
     pictures = out / "pictures"
     return NovelViewPictures(

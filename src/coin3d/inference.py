@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from coin3d.datasets.frame import Frame, ImageSource
-from coin3d.detectors import BEVDepth
+from coin3d.datasets.frame import Frame, ImageSource, Recording
+from coin3d.detectors import Detector
 from coin3d.geometry import Boxes3D, Rig
 from coin3d.training.checkpoint import load_checkpoint
-from coin3d.training.predict import predict
+from coin3d.training.predict import Precision, predict
 
 SHIPPED = ("town-direct", "town-coin3d")
 """Names of the checkpoints that come with the package (docs/results.md says how they were made)."""
@@ -37,12 +37,14 @@ class LoadedDetector:
         description: what the checkpoint says of itself: detector, config, classes, method, options, notes.
         path: where it was loaded from.
         device: where it runs.
+        precision: number format of the network.
     """
 
-    model: BEVDepth
+    model: Detector
     description: Mapping[str, Any]
     path: Path
     device: str = "cpu"
+    precision: Precision = "float32"
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -83,17 +85,27 @@ class LoadedDetector:
         sources = {name: _source(name, images[name]) for name in rig}
         return self.detect_frames([Frame("images", 0, rig, sources)])["images"]
 
-    def detect_frames(self, frames: Sequence[Frame], progress: Callable[[str], None] | None = None) -> dict[str, Boxes3D]:
-        """Detect in frames of a recording, one after the other; returns token -> boxes in the ego frame."""
-        return predict(self.model, frames, device=self.device, progress=progress)
+    def detect_frames(
+        self, frames: Sequence[Frame], progress: Callable[[str], None] | None = None, *, recording: Recording | None = None
+    ) -> dict[str, Boxes3D]:
+        """Detect in frames of a recording, one after the other; returns token -> boxes in the ego frame.
+
+        Detectors that look back find earlier frames in ``recording``, or else among ``frames``.
+        """
+        return predict(self.model, frames, recording=recording, precision=self.precision, device=self.device, progress=progress)
 
 
-def load(checkpoint: str | Path, device: str = "auto") -> LoadedDetector:
+def load(
+    checkpoint: str | Path, device: str = "auto", *, precision: Precision = "float32", compiled: bool = False
+) -> LoadedDetector:
     """Load a checkpoint.
 
     Args:
         checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a file that ``coin3d train`` wrote.
         device: ``auto`` takes a GPU if there is one; or a name such as ``cpu``, ``cuda:1``.
+        precision: ``bfloat16`` is faster where the hardware has it; boxes move a little.
+        compiled: compile the image trunk and neck with torch.compile at the first frame, which takes a while and, on a CPU,
+            a C++ compiler.
 
     Raises:
         FileNotFoundError: no such checkpoint.
@@ -101,7 +113,9 @@ def load(checkpoint: str | Path, device: str = "auto") -> LoadedDetector:
     """
     path = checkpoint_path(checkpoint)
     model, description = load_checkpoint(path)
-    return LoadedDetector(model, description, path, resolve_device(device))
+    if compiled:
+        model.compile_trunk()
+    return LoadedDetector(model, description, path, resolve_device(device), precision)
 
 
 def checkpoint_path(checkpoint: str | Path) -> Path:

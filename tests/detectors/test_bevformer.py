@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from coin3d.detectors import Batch, Sample, collate
+from coin3d.detectors import Batch, Sample, collate, frame_sample
 from coin3d.detectors.bev_history import align_history
 from coin3d.detectors.bevformer import BEVFormer
 from coin3d.detectors.bevformer_config import BEVFormerConfig
@@ -22,7 +22,7 @@ from coin3d.detectors.spatial_cross_attention import SpatialCrossAttention, Visi
 from coin3d.geometry import Pose
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.methods import METHODS
-from small_world import CLASSES, SIZE_PX, batch, ring_rig, sample, settled
+from small_world import CLASSES, SIZE_PX, batch, frame, ring_rig, sample, settled
 
 CONFIG = BEVFormerConfig(
     image_width_px=SIZE_PX[0],
@@ -187,6 +187,16 @@ def test_history_enters_through_poses_only() -> None:
         run("none", both, previous_bev=first)
     with pytest.raises(ValueError, match="bus"):
         run("none", both, bus=torch.zeros(2, 18))
+
+
+def test_frames_before_in_a_batch_are_the_history() -> None:
+    frames = [frame(0, ring_rig(5)), replace(frame(1, ring_rig(5)), world_from_ego=Pose.from_euler(0.3, 0, 0, (4.0, 0, 0)))]
+    now = collate([frame_sample(frames[1], *SIZE_PX, [frames[0]])])
+    before = run("none", collate([frame_sample(frames[0], *SIZE_PX)]))["bev"]
+    motion = torch.from_numpy((frames[0].world_from_ego.inverse() @ frames[1].world_from_ego).matrix).float()[None]
+    expected = run("none", replace(now, previous=None), previous_bev=before, previous_from_current=motion)
+    torch.testing.assert_close(run("none", now)["bev"], expected["bev"], rtol=1e-5, atol=1e-5)
+    assert (run("none", replace(now, previous=None))["bev"] - expected["bev"]).abs().max() > 0.1
 
 
 def test_released_parts_see_the_same_motion() -> None:

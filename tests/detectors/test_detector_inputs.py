@@ -12,7 +12,7 @@ from torch import nn
 from coin3d.detectors import collate, frame_sample
 from coin3d.detectors.backbone import ImageBackbone, widen_input
 from coin3d.detectors.batch import normalise_image
-from coin3d.geometry import fit_width
+from coin3d.geometry import Pose, fit_width
 from small_world import CONFIG, frame, ring_rig, sample
 
 
@@ -94,3 +94,26 @@ def test_sizes_that_do_not_divide_are_refused() -> None:
         replace(CONFIG, image_width_px=100)
     with pytest.raises(ValueError, match="multiple of 8"):
         replace(CONFIG, grid=replace(CONFIG.grid, half_extent_m=16.0))
+
+
+def test_frames_before_are_chained_with_their_motion() -> None:
+    """Five metres ahead in the world, then a quarter turn to the left: where the earlier frames were, seen from now."""
+    rig = ring_rig(2)
+    poses = [Pose.identity(), Pose.from_euler(0, 0, 0, (5, 0, 0)), Pose.from_euler(np.pi / 2, 0, 0, (5, 0, 0))]
+    frames = [replace(frame(i, rig), world_from_ego=pose) for i, pose in enumerate(poses)]
+    drawn = frame_sample(frames[2], 96, 64, [frames[1], frames[0]])
+    chain = collate([drawn, drawn])
+    before = chain.previous
+    assert before is not None and before.previous is not None and before.previous.previous is None
+    assert before.key_from_ego is not None and before.key_from_ego.shape == (4, 4, 4)
+    # the origin of the first frame lay 5 m behind the second's: to the left of the third's
+    origins = [b.key_from_ego[0, :3, 3].tolist() for b in (before, before.previous) if b.key_from_ego is not None]
+    np.testing.assert_allclose(origins, [[0, 0, 0], [0, 5, 0]], atol=1e-6)
+    # from now to the frame before: only turned; from there to the first: only moved
+    quarter = Pose.from_euler(np.pi / 2, 0, 0, (0, 0, 0)).matrix
+    np.testing.assert_allclose(chain.previous_from_ego[1], quarter, atol=1e-6)
+    np.testing.assert_allclose(before.previous_from_ego[1], Pose.from_euler(0, 0, 0, (5, 0, 0)).matrix, atol=1e-6)
+    assert torch.equal(before.images[:2], collate([frame_sample(frames[1], 96, 64)]).images)
+    assert collate([drawn, frame_sample(frames[0], 96, 64)]).previous is None
+    with pytest.raises(ValueError, match="motion since the frames before is not known"):
+        _ = before.previous.previous_from_ego

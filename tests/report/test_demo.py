@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from test_html import fetched
 
 from checkpoints import write_checkpoint
 from coin3d.geometry import Rig
-from coin3d.inference import TOWN_ONLY
+from coin3d.inference import TOWN_ONLY, LoadedDetector, load
 from tiny_recording import write_recording
 
 pytest.importorskip("embreex")
@@ -58,3 +59,29 @@ def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
     # cameras and top view of one frame for two methods on two rigs, three of novel views, prior maps, positions
     assert report.count("<img ") == 2 * 2 * 2 + 3 + 2
     assert all(Path(picture).is_file() for picture in result["pictures"])
+
+
+def _loaded(path: Path, **changed: Any) -> LoadedDetector:
+    loaded = load(write_checkpoint(path))
+    return replace(loaded, description={**loaded.description, **changed})
+
+
+def test_detectors_are_told_apart(tmp_path: Path) -> None:
+    a, b, c = (
+        _loaded(tmp_path / "a" / "model.safetensors", detector="bevdepth", method="coin3d"),
+        _loaded(tmp_path / "b" / "model.safetensors", detector="petr", method="coin3d"),
+        _loaded(tmp_path / "c" / "model.safetensors", detector="petr", method="none"),
+    )
+    assert demo._names([a, c]) == ["coin3d", "none"]
+    assert demo._names([a, b, c]) == ["bevdepth coin3d", "petr coin3d", "petr none"]
+    d = replace(a, path=tmp_path / "d" / "model.safetensors")
+    assert demo._names([a, d]) == ["bevdepth coin3d a", "bevdepth coin3d d"]
+    with pytest.raises(ValueError, match="two of these are alike"):
+        demo._names([a, a])
+
+
+def test_the_demo_needs_detectors_of_cars(tmp_path: Path) -> None:
+    walkers = _loaded(tmp_path / "model.safetensors")
+    walkers.model.classes = ("pedestrian",)
+    with pytest.raises(ValueError, match="scores cars, this checkpoint knows pedestrian"):
+        demo._names([walkers])

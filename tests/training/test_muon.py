@@ -78,3 +78,12 @@ def test_every_weight_has_exactly_one_optimiser() -> None:
     assert sorted(map(id, [*by_muon, *by_adamw])) == sorted(map(id, model.parameters()))
     ((everything, _),) = build_optimizers(model, TrainOptions())
     assert sorted(map(id, everything.param_groups[0]["params"])) == sorted(map(id, model.parameters()))
+
+
+def test_a_trunk_that_was_trained_before_gets_its_share_of_the_rates() -> None:
+    model = nn.ModuleDict({"backbone": nn.Conv2d(16, 16, 3), "head": nn.Conv2d(16, 16, 3)})
+    for optimizer, _ in build_optimizers(model, TrainOptions(optimizer="muon", backbone_rate=0.1)):
+        shares = {id(p): group["rate_share"] for group in optimizer.param_groups for p in group["params"]}
+        assert all(shares[id(p)] == 0.1 for p in model["backbone"].parameters() if id(p) in shares)
+        assert all(shares[id(p)] == 1.0 for p in model["head"].parameters() if id(p) in shares)
+        assert len(shares) == 2

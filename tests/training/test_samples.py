@@ -13,7 +13,7 @@ from coin3d.datasets.classes import ClassMap
 from coin3d.datasets.frame import Frame
 from coin3d.detectors import Sample
 from coin3d.detectors.inputs import lidar_depth
-from coin3d.geometry import Boxes3D
+from coin3d.geometry import Boxes3D, GroundPlane, Pose, Rig
 from coin3d.training.samples import AugmentOptions, TrainingSamples, visible_boxes
 from small_world import SIZE_PX, MemoryRecording, frame, ring_rig
 
@@ -151,3 +151,71 @@ def test_frames_that_cannot_be_trained_on_are_named() -> None:
 def test_a_frame_without_boxes_is_a_sample_too() -> None:
     drawn = samples([frame(0, ring_rig(2)).with_boxes_world(Boxes3D.empty())])[0]
     assert drawn.boxes is not None and len(drawn.boxes) == 0
+
+
+def test_frames_before_are_drawn_like_the_latest() -> None:
+    """Same cameras, same zoom, same turn of the plane; the motion is that of the ego poses."""
+    first, last = frame(0, ring_rig(4)), frame(1, ring_rig(4))
+    moved = Pose.from_euler(0.2, 0.0, 0.0, (3.0, 1.0, 0.0))
+    last = replace(last, previous=first.token, world_from_ego=moved)
+    augment = AugmentOptions(cameras_per_sample=2)
+    alone = TrainingSamples([MemoryRecording([first, last])], BOTH, SIZE_PX, augment, FocalAugmentation(), 3, 100)
+    both = TrainingSamples([MemoryRecording([first, last])], BOTH, SIZE_PX, augment, FocalAugmentation(), 3, 100, frames=3)
+    seen = set()
+    for n in range(6):
+        drawn = both[n]
+        assert equal(drawn, alone[n])  # looking back changes nothing of the latest frame
+        before = drawn.previous
+        assert before is not None and before.previous is not None and before.previous.previous is None
+        assert before.boxes is None and before.key_from_ego is not None
+        assert all(np.array_equal(a.K, b.K) for a, b in zip(drawn.cameras, before.cameras, strict=True))
+        poses = [(a.ego_from_cam.matrix, b.ego_from_cam.matrix) for a, b in zip(drawn.cameras, before.cameras, strict=True)]
+        assert all(np.array_equal(a, b) for a, b in poses)
+        assert np.array_equal(before.bev_from_ego, drawn.bev_from_ego)
+        still = np.array_equal(before.images, drawn.images)
+        expected = np.eye(4) if still else moved.inverse().matrix  # where the scene begins, the first frame stands in
+        np.testing.assert_allclose(before.key_from_ego, expected, atol=1e-12)
+        np.testing.assert_array_equal(before.previous.images, before.images)
+        seen.add(still)
+    assert seen == {True, False}
+
+
+def test_a_half_turn_tells_the_same_story_in_another_frame() -> None:
+    """Depth maps stay, what was ahead is behind, and points stay in their boxes and boxes in their images."""
+    ahead = Rig({name: camera for name, camera in ring_rig(8).items() if name in ("eye0", "eye1", "eye7")})
+    f = replace(frame(2, tilted(ahead)), previous="frame1")
+    before = replace(frame(1, ahead), world_from_ego=Pose.from_euler(0.1, 0, 0, (-4.0, 0, 0)))
+    recording = MemoryRecording([before, f])
+    plain, turned = (
+        TrainingSamples([recording], BOTH, SIZE_PX, replace(STILL, half_turn_probability=p), None, 0, 9, frames=2)
+        for p in (0.0, 1.0)
+    )
+    a, b = (next(d for d in (s[0], s[1]) if np.array_equal(d.images[0], f.image("eye0"))) for s in (plain, turned))
+    assert a.boxes is not None and b.boxes is not None and a.depth_m is not None and b.depth_m is not None
+    np.testing.assert_allclose(b.boxes.centre_m, a.boxes.centre_m * (-1, -1, 1), atol=1e-12)
+    np.testing.assert_allclose(np.cos(b.boxes.yaw_rad - a.boxes.yaw_rad), -1, atol=1e-12)
+    np.testing.assert_allclose(b.depth_m, a.depth_m, atol=1e-9)
+    np.testing.assert_allclose(b.ground.normal, a.ground.normal * (-1, -1, 1))
+    for one, other in zip(a.cameras, b.cameras, strict=True):
+        np.testing.assert_allclose(one.project(a.boxes.centre_m)[0], other.project(b.boxes.centre_m)[0])
+    assert a.previous is not None and b.previous is not None
+    # a still point, seen by the camera of the frame before, is the same pixel however the frames are told
+    point = np.array([[6.0, 1.0, 1.0]])
+    for drawn, place in ((a, point), (b, point * (-1, -1, 1))):
+        assert drawn.previous is not None and drawn.previous.key_from_ego is not None
+        earlier = Pose.from_matrix(np.linalg.inv(drawn.previous.key_from_ego)).apply(place)
+        np.testing.assert_allclose(
+            drawn.previous.cameras[0].project(earlier)[0],
+            before.rig["eye0"].project((before.world_from_ego.inverse() @ f.world_from_ego).apply(point))[0],
+        )
+
+
+def test_rigs_that_see_behind_are_never_turned() -> None:
+    frames = [frame(i, ring_rig(4)) for i in range(3)]
+    augment = AugmentOptions(cameras_per_sample=2)
+    plain, same = samples(frames, augment), samples(frames, replace(augment, half_turn_probability=1.0))
+    assert all(equal(plain[n], same[n]) for n in range(6))
+
+
+def tilted(rig: Rig) -> Rig:
+    return Rig(dict(rig.items()), ground=GroundPlane(np.array([0.1, 0.05, 1.0]), 0.1))

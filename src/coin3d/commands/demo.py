@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import arg
 
 from coin3d.commands.outcome import finish
 
 
-def demo(out: Path, workers: int = 0, device: str = "auto") -> None:
+def demo(
+    out: Path,
+    checkpoints: Annotated[
+        tuple[str, ...], arg(metavar="CHECKPOINT ...", help_behavior_hint="(default: the shipped ones)")
+    ] = (),
+    workers: int = 0,
+    device: str = "auto",
+) -> None:
     """Two shipped detectors on the rig they were trained on and on a rig they have never seen; ends in one HTML report.
 
     Records the same worlds through a nuScenes-like and a Waymo-like rig (worlds that no training run used), detects with
@@ -15,9 +26,11 @@ def demo(out: Path, workers: int = 0, device: str = "auto") -> None:
 
     Try:
       coin3d demo --out out/demo
+      coin3d demo --out out/mine --checkpoints town-coin3d runs/petr/model.safetensors
 
     Args:
         out: folder for the report, the recordings and result.json.
+        checkpoints: other detectors of cars: shipped names, or files of coin3d train.
         workers: processes that record; 0 takes one per core.
         device: auto, cpu, cuda, cuda:1 ...
     """
@@ -25,6 +38,7 @@ def demo(out: Path, workers: int = 0, device: str = "auto") -> None:
     from coin3d.demo import DemoOptions, run_demo
 
     need_ray_casting()
-    outcome = run_demo(out, DemoOptions(workers=workers, device=device))
+    options = DemoOptions(workers=workers, device=device)
+    outcome = run_demo(out, replace(options, checkpoints=checkpoints) if checkpoints else options)
     finish(out, outcome.result(), outcome.pictures)
     print(f"report:  {outcome.report}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
@@ -26,6 +26,7 @@ def detect(
     min_score: float = 0.25,
     gaussians: Path | None = None,
     rerun: bool = False,
+    precision: Literal["float32", "bfloat16"] = "float32",
     device: str = "auto",
 ) -> None:
     """Find objects in a recording: your own images beside a rig.yaml, or nuScenes-format tables. Labels are not needed.
@@ -48,6 +49,7 @@ def detect(
         min_score: draw boxes with at least this score; detections.json has all of them.
         gaussians: folder that build-scenes wrote for this recording: boxes are drawn on the point cloud as well.
         rerun: also write frames.rrd with the frames that are drawn, for the Rerun viewer.
+        precision: number format of the network; bfloat16 is faster where the hardware has it.
         device: auto, cpu, cuda, cuda:1 ...
     """
     from contextlib import ExitStack
@@ -61,13 +63,13 @@ def detect(
     from coin3d.report.pictures import file_name, frame_pictures, likely
     from coin3d.report.rerun_file import RerunFile
 
-    detector = load(checkpoint, device)
+    detector = load(checkpoint, device, precision=precision)
     clouds = GaussianFolder.open(gaussians) if gaussians is not None else None
     source = open_recording(recording)
     chosen = [source[i] for i in spread(len(source), frames)]
     print(detector.note)
     began = time.monotonic()
-    found = detector.detect_frames(chosen, print)
+    found = detector.detect_frames(chosen, print, recording=source)
     seconds = time.monotonic() - began
     write_json(out / DETECTIONS_FILE, _detections(chosen, found, detector.note))
     drawn: list[Path] = []

@@ -27,6 +27,7 @@ def evaluate(
     min_score: float = 0.25,
     source: str = "",
     target: str = "",
+    precision: Literal["float32", "bfloat16"] = "float32",
     device: str = "auto",
 ) -> None:
     """Score a detector on a recording with labels: AP at 0.5, 1, 2 and 4 m, errors at 2 m, NDS*.
@@ -49,6 +50,7 @@ def evaluate(
         min_score: draw predictions with at least this score; the metrics use all.
         source: name of the training data in result.json, by default what the checkpoint tells.
         target: name of the recording in result.json, by default its folder's.
+        precision: number format of the network; bfloat16 is faster where the hardware has it.
         device: auto, cpu, cuda, cuda:1 ...
     """
     from coin3d.datasets.open import open_recording
@@ -58,7 +60,7 @@ def evaluate(
     from coin3d.report.rows import protocol_for, result_row
     from coin3d.training.predict import score_frames
 
-    detector = load(checkpoint, device)
+    detector = load(checkpoint, device, precision=precision)
     class_map = class_map_for(classes, detector.classes)
     protocol = protocol_for(class_map, range_shape)
     labelled = open_recording(recording)
@@ -67,7 +69,7 @@ def evaluate(
         raise ValueError(f"{recording}: no annotations to score against; coin3d detect needs none")
     print(detector.note)
     began = time.monotonic()
-    found = detector.detect_frames(chosen, print)
+    found = detector.detect_frames(chosen, print, recording=labelled)
     report = score_frames(chosen, found, class_map, protocol)
     print(report.table())
     drawn: list[Path] = []

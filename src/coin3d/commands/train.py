@@ -22,6 +22,7 @@ _PRESET = "(default: the preset's)"
 _Count = Annotated[int | None, arg(metavar="N", help_behavior_hint=_PRESET)]
 _Rate = Annotated[float | None, arg(metavar="X", help_behavior_hint=_PRESET)]
 
+DetectorName = Literal["bevdepth", "bevformer", "petr"]
 PriorName = Literal["IF", "GD", "GG", "PR"]
 PRIOR_FIELDS = {"IF": "inverse_focal", "GD": "ground_depth", "GG": "ground_gradient", "PR": "pluecker"}
 
@@ -34,6 +35,7 @@ class Optimisation:
         steps: optimiser steps.
         batch_size: frames per step.
         learning_rate: peak learning rate.
+        backbone_rate: share of it for the image trunk; 0.1 is usual for a trunk that was trained before.
         cameras_per_sample: train on this many randomly chosen cameras of each frame; 0 means all.
         keep_unseen_boxes: also ask for boxes that no camera of the sample sees, as the released code does.
         precision: number format of the forward pass; bfloat16 pays where the hardware has it.
@@ -44,6 +46,7 @@ class Optimisation:
     steps: _Count = None
     batch_size: _Count = None
     learning_rate: _Rate = None
+    backbone_rate: _Rate = None
     cameras_per_sample: _Count = None
     keep_unseen_boxes: bool = False
     precision: Annotated[Literal["float32", "bfloat16"] | None, arg(help_behavior_hint=_PRESET)] = None
@@ -65,27 +68,28 @@ class CoIn3DFlags:
 
     Args:
         focal_augmentation: zoom training images by 0.7 to 1.4, K follows.
-        placement: released: modulate backbone levels and neck, as the released code does; paper: the neck only.
+        placement: released: modulate backbone levels and neck, as the released code does for BEVDepth, whose default it is;
+            paper: the neck only, the default of the other detectors.
         projector: convolutions that embed the priors.
         priors: which prior maps: inverse focal, ground depth, ground gradient, Pluecker rays.
         modulate: no: only concatenate the maps.
     """
 
     focal_augmentation: bool = True
-    placement: Literal["released", "paper"] = "released"
+    placement: Annotated[Literal["released", "paper"] | None, arg(help_behavior_hint="(default: the detector's)")] = None
     projector: Literal["conv1", "conv1+conv1", "conv3", "conv3+conv3"] = "conv3"
     priors: tuple[PriorName, ...] = ("IF", "GD", "GG", "PR")
     modulate: bool = True
 
-    def options(self, width_px: int) -> CoIn3DOptions:
-        """The method's own options, for a network input of that width."""
+    def options(self, detector: str, width_px: int) -> CoIn3DOptions:
+        """The method's own options, for a detector and the width of its input."""
         from coin3d.methods import CoIn3DOptions
         from coin3d.priors import PriorOptions, PriorSet
 
         if not self.priors:
             raise ValueError("--priors needs at least one of IF, GD, GG, PR; without any, take --method none")
         return CoIn3DOptions(
-            placement=self.placement,
+            placement=self.placement or ("released" if detector == "bevdepth" else "paper"),
             priors=PriorSet(**{field: name in self.priors for name, field in PRIOR_FIELDS.items()}),
             projector=self.projector,
             modulate=self.modulate,
@@ -136,9 +140,10 @@ def train(
     out: Path,
     method: Literal["none", "direct", "coin3d"] = "coin3d",
     preset: Literal["tiny", "small", "paper"] = "tiny",
-    detector: Literal["bevdepth"] = "bevdepth",
+    detector: DetectorName = "bevdepth",
     classes: ClassChoice = "merged-car",
     init: Annotated[Path | None, arg(metavar="CHECKPOINT", help_behavior_hint="(default: random weights)")] = None,
+    trunk: Annotated[Path | None, arg(metavar="CHECKPOINT", help_behavior_hint="(default: random weights)")] = None,
     pretrained: bool = False,
     seed: int = 0,
     device: str = "auto",
@@ -156,6 +161,7 @@ def train(
       coin3d train data/train --out runs/coin3d
       coin3d train data/train --out runs/direct --method direct
       coin3d train data/train --out runs/full --gaussians data/train-gaussians
+      coin3d train data/train --out runs/petr --detector petr --trunk runs/trunk/model.safetensors
       coin3d train recordings/mine --out runs/mine --init runs/coin3d/model.safetensors --steps 300
       coin3d evaluate runs/coin3d/model.safetensors data/val --out out/score
 
@@ -163,10 +169,12 @@ def train(
         data: folders of recordings in nuScenes format; several are mixed frame by frame.
         out: folder of the run.
         method: none: the plain detector; direct: with its own camera-aware gate; coin3d: spatial-aware modulation.
-        preset: tiny: minutes on two CPU cores; small: one modest GPU; paper: ResNet-50 at 704 x 384, several GPUs.
-        detector: the detector.
+        preset: tiny: minutes on two CPU cores; small: one modest GPU; paper: the sizes of the paper's tables, several GPUs.
+        detector: bevdepth: lifts image features by their depth; bevformer: bird's-eye-view queries look into the images;
+            petr: object queries attend to image cells that know where they look.
         classes: which names count as which class (docs/datasets.md).
         init: start from the weights of this checkpoint (same detector, preset and method), to fine-tune.
+        trunk: start the image trunk from this checkpoint of coin3d pretrain (same detector and preset).
         pretrained: start the backbone from ImageNet weights, which are downloaded.
         seed: of weights, data order and augmentation.
         device: auto, cpu, cuda, cuda:1 ...
@@ -188,7 +196,7 @@ def train(
         raise ValueError(f"--method {method} has no {', '.join(changed)}: these belong to --method coin3d")
     config = replace(getattr(DETECTORS[detector][0], preset)(), pretrained=pretrained)
     options = optimisation.applied_to(getattr(TrainOptions, preset)(), seed)
-    method_options: Any = coin3d.options(config.image_width_px) if method == "coin3d" else METHODS[method][0]()
+    method_options: Any = coin3d.options(detector, config.image_width_px) if method == "coin3d" else METHODS[method][0]()
     if (rendered := novel_views.options()) is not None:
         if method == "none":
             raise ValueError("--method none renders no novel views: leave --gaussians out, or take direct or coin3d")
@@ -204,6 +212,7 @@ def train(
         class_map=class_map_for(classes),
         options=options,
         init=None if init is None else checkpoint_path(init),
+        trunk=trunk,
         gaussians=novel_views.gaussians,
         device=resolve_device(device),
     )

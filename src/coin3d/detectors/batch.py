@@ -30,7 +30,8 @@ class Batch:
         boxes: B tables of ground truth in the augmented BEV frame; only for training.
         key_from_ego: (M, 4, 4) from the ego frame that each camera's pose is given in to that of its sample, where they
             differ: images of an earlier frame keep their own ego, so that their priors do.
-        previous: the frames before, of the same B samples in the same order, for detectors that look back.
+        previous: the frames before, of the same B samples in the same order, for detectors that look back; those may bring
+            the ones before them. ``key_from_ego`` of each leads to the first batch of the chain.
     """
 
     images: Float[Tensor, "m 3 h w"]
@@ -48,6 +49,23 @@ class Batch:
         if self.key_from_ego is None:
             return self.cameras
         return replace(self.cameras, ego_from_cam=self.key_from_ego @ self.cameras.ego_from_cam)
+
+    @property
+    def previous_from_ego(self) -> Float[Tensor, "b 4 4"]:
+        """From the ego frames of the samples to those of the frames before.
+
+        Raises:
+            ValueError: no frames before, or one whose motion nobody told.
+        """
+        before = self.previous
+        if before is None or before.key_from_ego is None:
+            raise ValueError("the motion since the frames before is not known: they need key_from_ego")
+        samples = torch.arange(self.num_samples, device=self.sample_index.device)
+        first, first_before = (torch.searchsorted(batch.sample_index, samples) for batch in (self, before))
+        motion: Tensor = torch.linalg.inv(before.key_from_ego[first_before].double())
+        if self.key_from_ego is not None:  # this is itself a frame before another
+            motion = motion @ self.key_from_ego[first].double()
+        return motion.to(before.key_from_ego.dtype)
 
     @property
     def num_samples(self) -> int:

@@ -37,7 +37,7 @@ class BevEncoder(nn.Module):
             nn.Conv2d(outputs, outputs, 1),
         )
 
-    def forward(self, bev: Float[Tensor, "b c y x"]) -> Float[Tensor, "b k y x"]:
+    def forward(self, bev: Float[Tensor, "b c y x"]) -> Float[Tensor, "b k y2 x2"]:
         levels = []
         for stage in self.stages:
             bev = stage(bev)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
@@ -24,6 +24,7 @@ from coin3d.detectors.center_targets import center_losses, center_targets
 from coin3d.detectors.depth_aggregation import DepthAggregation
 from coin3d.detectors.depth_loss import depth_loss
 from coin3d.detectors.depth_net import DepthNet
+from coin3d.detectors.detector import Detector
 from coin3d.detectors.image_feature import attach_levels, attach_neck, image_feature
 from coin3d.detectors.lift_splat import LiftSplat
 from coin3d.detectors.method import Method
@@ -39,7 +40,7 @@ from coin3d.geometry import Boxes3D
 from coin3d.geometry.camera_tensors import CameraTensors
 
 
-class BEVDepth(nn.Module):
+class BEVDepth(Detector):
     """The detector.
 
     Args:
@@ -52,6 +53,7 @@ class BEVDepth(nn.Module):
     """
 
     name = "bevdepth"
+    config: BEVDepthConfig
 
     def __init__(self, config: BEVDepthConfig, classes: tuple[str, ...], method: Method) -> None:
         super().__init__()
@@ -165,7 +167,6 @@ class BEVDepth(nn.Module):
             self.classes,
             config.head_grid,
             min_radius_cells=config.min_radius_cells,
-            heading_from=config.heading_from,
             single_precision=config.released is not None,
         )
         with torch.autocast(device.type, enabled=False):  # CUDA refuses this cross-entropy in half precision
@@ -186,4 +187,4 @@ class BEVDepth(nn.Module):
         config = self.config
         if config.megvii is not None:
             return decode_tasks(outputs, config.megvii.tasks, config.grid, config.megvii.decode)
-        return decode_centers(outputs, self.classes, config.head_grid, config.decode, config.heading_from)
+        return decode_centers(outputs, self.classes, config.head_grid, config.decode)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from coin3d.detectors.center_decode import DecodeOptions
-from coin3d.detectors.center_head import HeadingFrom
 from coin3d.detectors.lift_splat import BevGrid, DepthBins
 from coin3d.detectors.task_decode import TaskDecodeOptions
 from coin3d.detectors.task_heads import Tasks
@@ -84,8 +83,6 @@ class BEVDepthConfig:
         head_stride: cells of the grid per cell of the head, 1 or 2.
         head_channels: width of the head.
         min_radius_cells: smallest heat-map peak.
-        heading_from: what the head counts headings from. ``ego`` (as released) has to be learned anew for every direction
-            a camera can look in; ``ray`` is what an image shows, and holds for directions no camera looked in before.
         perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
         decode: how boxes are read off.
         megvii: Megvii's network; depth blocks, widths, bins and grid remain those above.
@@ -114,7 +111,6 @@ class BEVDepthConfig:
     head_stride: int = 1
     head_channels: int = 64
     min_radius_cells: int = 2
-    heading_from: HeadingFrom = "ego"
     perspective_weight: float = 0.0
     decode: DecodeOptions = field(default_factory=DecodeOptions)
     megvii: MegviiVariant | None = None
@@ -130,11 +126,11 @@ class BEVDepthConfig:
             raise ValueError(f"frames is 1 or 2, got {self.frames}")
         if self.head_stride not in (1, 2):
             raise ValueError(f"head_stride is 1 or 2, got {self.head_stride}")
-        fixed = (self.head_stride, self.grid.slabs, self.previous_by, self.heading_from)
-        if self.megvii is not None and fixed != (1, 1, "pose", "ego"):
+        fixed = (self.head_stride, self.grid.slabs, self.previous_by)
+        if self.megvii is not None and fixed != (1, 1, "pose"):
             raise ValueError(
-                "Megvii's BEVDepth has one slab, a head at the resolution of the grid, frames placed by pose and headings "
-                f"from the ego; got head_stride, slabs, previous_by, heading_from = {fixed}"
+                "Megvii's BEVDepth has one slab, a head at the resolution of the grid, and frames placed by pose; "
+                f"got head_stride, slabs, previous_by = {fixed}"
             )
 
     @property
@@ -209,7 +205,6 @@ class BEVDepthConfig:
             head_stride=2,
             head_channels=32,
             min_radius_cells=1,
-            heading_from="ray",
             perspective_weight=1.0,
             decode=DecodeOptions(min_score=0.05),
         )

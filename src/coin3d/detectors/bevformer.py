@@ -18,17 +18,16 @@ from coin3d.detectors.bevformer_encoder import BevFormerEncoder, LearnedPosition
 from coin3d.detectors.deformable_attention import SamplingPlan
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
-from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
+from coin3d.detectors.perspective import PerspectiveHead
 from coin3d.detectors.pillar_projection import cell_centres, image_from_bev, pillar_anchors, project_pillars
-from coin3d.detectors.query_boxes import decode_queries
 from coin3d.detectors.query_decoder import BevQueryDecoder
-from coin3d.detectors.query_losses import query_losses, query_targets
+from coin3d.detectors.query_detector import QueryDetector
 from coin3d.detectors.released_bevformer import ReleasedParts
+from coin3d.detectors.rig_memory import RigMemory
 from coin3d.detectors.spatial_cross_attention import VisibleQueries
-from coin3d.geometry import Boxes3D
 
 
-class BEVFormer(nn.Module):
+class BEVFormer(QueryDetector):
     """The detector.
 
     Args:
@@ -38,6 +37,7 @@ class BEVFormer(nn.Module):
     """
 
     name = "bevformer"
+    config: BEVFormerConfig
 
     def __init__(self, config: BEVFormerConfig, classes: tuple[str, ...], method: Method) -> None:
         super().__init__()
@@ -71,6 +71,7 @@ class BEVFormer(nn.Module):
             config.dropout,
         )
         self.released = ReleasedParts(config.released, config.grid, config.channels) if config.released else None
+        self._seen: RigMemory[VisibleQueries] = RigMemory()
         self.perspective = PerspectiveHead(modulated_channels, config.channels) if config.perspective_weight else None
         _initialise(self.encoder)
         _initialise(self.decoder)
@@ -85,7 +86,7 @@ class BEVFormer(nn.Module):
         """Predictions of L decoder layers for N object queries, and the bird's-eye view of Q cells, row by row.
 
         Args:
-            batch: the present frames.
+            batch: the present frames; without ``previous_bev``, frames before that it brings along are looked at first.
             previous_bev: ``bev`` of the frames before, made with the same BEV augmentation; None for single frames.
             previous_from_current: poses of the present ego frames in the previous ones; needed with ``previous_bev``.
             bus: for released weights only, the vehicle's own numbers (see ``ReleasedBevFormer``) instead of what the
@@ -98,6 +99,10 @@ class BEVFormer(nn.Module):
         Raises:
             ValueError: history without motion, or bus numbers for a model that reads none.
         """
+        if previous_bev is None and batch.previous is not None:
+            with torch.no_grad():
+                previous_bev = self(batch.previous)["bev"]
+            previous_from_current = batch.previous_from_ego
         neck_feature, _ = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
         bev_from_ego = self._bev_from_ego(batch)
         features: Tensor = self.narrow(neck_feature)
@@ -118,37 +123,6 @@ class BEVFormer(nn.Module):
         if self.perspective is not None and self.training:
             outputs["perspective"] = self.perspective(neck_feature)
         return outputs
-
-    def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
-        """Weighted losses by name; their sum is what is minimised."""
-        if len(batch.boxes) != batch.num_samples:
-            raise ValueError(f"training needs boxes: {len(batch.boxes)} tables of them for {batch.num_samples} samples")
-        config, device = self.config, batch.images.device
-        outputs = self(batch)
-        targets = [query_targets(self._from_ego(boxes), self.classes, config.box_space).to(device) for boxes in batch.boxes]
-        with torch.autocast(device.type, enabled=False):
-            losses = query_losses(outputs["class_logits"], outputs["boxes"], targets, config.weights)
-            if "perspective" in outputs:
-                cells = perspective_batch_targets(batch, config.strides[0])
-                losses["perspective"] = config.perspective_weight * perspective_loss(outputs["perspective"], cells)
-        return losses
-
-    @torch.no_grad()
-    def detect(self, batch: Batch) -> list[Boxes3D]:
-        """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
-        outputs, config = self(batch), self.config
-        found = decode_queries(
-            outputs["class_logits"][-1],
-            outputs["boxes"][-1],
-            self.classes,
-            config.decode,
-            with_velocity=config.weights.velocity > 0,
-        )
-        return found if config.released is None else [b.transformed(config.released.ego_from_lidar) for b in found]
-
-    def _from_ego(self, boxes: Boxes3D) -> Boxes3D:
-        released = self.config.released
-        return boxes if released is None else boxes.transformed(released.ego_from_lidar.inverse())
 
     def _bev_from_ego(self, batch: Batch) -> Float[Tensor, "b 4 4"]:
         """The frame of the grid, float64: the augmented ego frame, or the LiDAR's for released weights."""
@@ -172,6 +146,11 @@ class BEVFormer(nn.Module):
         return align_history(previous_bev, moved, self.config.grid)
 
     def _visible(self, batch: Batch, bev_from_ego: Float[Tensor, "b 4 4"]) -> VisibleQueries:
+        if torch.is_grad_enabled():
+            return self._visible_now(batch, bev_from_ego)
+        return self._seen.get(batch, lambda: self._visible_now(batch, bev_from_ego))
+
+    def _visible_now(self, batch: Batch, bev_from_ego: Float[Tensor, "b 4 4"]) -> VisibleQueries:
         config, cameras = self.config, batch.cameras
         first_pixel = 0.5 if config.released is None else config.released.first_pixel
         projection = image_from_bev(cameras, bev_from_ego, batch.sample_index, first_pixel)

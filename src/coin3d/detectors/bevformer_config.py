@@ -24,6 +24,7 @@ class BEVFormerConfig:
         strides: image feature levels, finest first; the queries look at the finest, after the neck.
         channels: width of neck, queries and bird's-eye view.
         heads: attention heads.
+        frames: 2 or more look at the frames before as well (without gradients).
         grid: bird's-eye-view grid; its extent and heights are also the range of the boxes.
         anchor_heights_m: points of the pillar over a cell that are looked for in the images.
         encoder_layers: layers of bird's-eye-view queries.
@@ -48,6 +49,7 @@ class BEVFormerConfig:
     strides: tuple[int, ...] = (32,)
     channels: int = 256
     heads: int = 8
+    frames: int = 1
     grid: BevGrid = field(default_factory=lambda: BevGrid(51.2, 2.048, (-3.0, 5.0)))
     anchor_heights_m: tuple[float, ...] = (-0.5, 0.5, 1.5, 2.5)
     encoder_layers: int = 3
@@ -67,6 +69,8 @@ class BEVFormerConfig:
         coarsest = max(self.strides)
         if self.image_width_px % coarsest or self.image_height_px % coarsest:
             raise ValueError(f"the input of {self.image_width_px} x {self.image_height_px} is not a multiple of {coarsest}")
+        if self.frames < 1:
+            raise ValueError(f"frames is at least 1, got {self.frames}")
         if self.channels % (2 * self.heads):
             raise ValueError(f"{self.channels} channels do not share out over {self.heads} heads and two axes")
         if not self.anchor_heights_m or self.spatial_points % len(self.anchor_heights_m):

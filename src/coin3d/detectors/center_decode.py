@@ -10,10 +10,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from coin3d.detectors.center_head import HeadingFrom
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.detectors.nms import rotated_nms
-from coin3d.geometry import Boxes3D, wrap_angle
+from coin3d.geometry import Boxes3D
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,7 @@ class DecodeOptions:
 
 
 def decode_centers(
-    outputs: dict[str, Float[Tensor, "b _ y x"]],
-    classes: Sequence[str],
-    grid: BevGrid,
-    options: DecodeOptions,
-    heading_from: HeadingFrom = "ego",
+    outputs: dict[str, Float[Tensor, "b _ y x"]], classes: Sequence[str], grid: BevGrid, options: DecodeOptions
 ) -> list[Boxes3D]:
     """Boxes of each sample in the BEV frame, best score first."""
     maps = {name: values.detach().float().cpu() for name, values in outputs.items()}
@@ -46,9 +41,9 @@ def decode_centers(
     for b in range(len(maps["heatmap"])):
         of_sample = {name: values[b] for name, values in maps.items()}
         scores, label, cell = best_cells(of_sample["heatmap"].sigmoid(), options.max_boxes, options.min_score)
-        centre_m, size_m, yaw_rad = boxes_at(of_sample, cell, grid, heading_from)
+        centre_m, size_m, yaw_rad = boxes_at(of_sample, cell, grid)
         names = np.asarray(classes, dtype=np.str_)[label.numpy()]
-        boxes = Boxes3D.create(centre_m.numpy(), size_m.numpy(), wrap_angle(yaw_rad.numpy()), names, scores=scores.numpy())
+        boxes = Boxes3D.create(centre_m.numpy(), size_m.numpy(), yaw_rad.numpy(), names, scores=scores.numpy())
         kept = rotated_nms(boxes, options.nms_iou)[: options.max_kept]
         decoded.append(boxes[kept])
     return decoded
@@ -69,12 +64,12 @@ def best_cells(
 
 
 def boxes_at(
-    maps: dict[str, Float[Tensor, "_ y x"]], cell: Int[Tensor, "n"], grid: BevGrid, heading_from: HeadingFrom = "ego"
+    maps: dict[str, Float[Tensor, "_ y x"]], cell: Int[Tensor, "n"], grid: BevGrid
 ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"], Float[Tensor, "n"]]:
     """Centres, sizes and headings that the maps of one sample hold at flat cells."""
     offset, height, log_size, heading = (maps[name].flatten(1)[:, cell] for name in ("offset", "height", "size", "heading"))
     row, column = torch.div(cell, grid.side, rounding_mode="floor"), cell % grid.side
     x = (column + offset[0]) * grid.cell_m - grid.half_extent_m
     y = (row + offset[1]) * grid.cell_m - grid.half_extent_m
-    yaw_rad = torch.atan2(heading[0], heading[1]) + (torch.atan2(y, x) if heading_from == "ray" else 0.0)
+    yaw_rad = torch.atan2(heading[0], heading[1])
     return torch.stack([x, y, height[0]], dim=1), log_size.clamp(-5, 5).exp().T, yaw_rad

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -11,10 +10,7 @@ from torch import Tensor, nn
 from coin3d.detectors.layers import conv_bn_relu
 
 REGRESSIONS = {"offset": 2, "height": 1, "size": 3, "heading": 2}
-"""Branch -> channels: offset inside the cell, z of the centre (m), log(l, w, h), (sin, cos) of the heading."""
-
-HeadingFrom = Literal["ego", "ray"]
-"""Where a heading is counted from: the x axis of the BEV frame (as released), or the ray from its origin to the box."""
+"""Branch -> channels: offset inside the cell, z of the centre (m), log(l, w, h), (sin, cos) of the yaw."""
 
 _HEATMAP_BIAS = -2.19  # sigmoid = 0.1, the usual prior of focal-loss heads
 

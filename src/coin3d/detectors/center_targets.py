@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from coin3d.detectors.center_head import REGRESSIONS, HeadingFrom
+from coin3d.detectors.center_head import REGRESSIONS
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.geometry import Boxes3D
 
@@ -61,7 +61,6 @@ def center_targets(
     *,
     min_radius_cells: int = 2,
     min_overlap: float = 0.1,
-    heading_from: HeadingFrom = "ego",
     single_precision: bool = False,
 ) -> CenterTargets:
     """Encode the ground truth of B samples; boxes outside the grid or of other classes are left out.
@@ -72,7 +71,6 @@ def center_targets(
         grid: cells of the heat map.
         min_radius_cells: smallest peak.
         min_overlap: a peak reaches as far as a box may be moved and still overlap itself this much.
-        heading_from: what headings are counted from.
         single_precision: places are rounded as in the released code, which moves a centre on the border of two cells into
             the other one now and then.
     """
@@ -93,8 +91,6 @@ def center_targets(
             _draw_peak(heatmap[b, kinds[-1]], x, y, radius)
             offset = place[i] - (x, y)
             yaw = table.yaw_rad[i]
-            if heading_from == "ray":
-                yaw = yaw - np.arctan2(table.centre_m[i, 1], table.centre_m[i, 0])
             samples.append(b)
             velocities.append(table.velocity_mps[i])
             cells.append(y * side + x)

@@ -17,15 +17,16 @@ from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
-from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
+from coin3d.detectors.perspective import PerspectiveHead
 from coin3d.detectors.petr_decoder import QueryDecoder, gather_samples, sample_padding
 from coin3d.detectors.position_embedding_3d import CameraSineEmbedding, PositionEmbedding3D, RayPoints, sine_code
-from coin3d.detectors.query_boxes import CODE_SIZE, QueryDecodeOptions, decode_queries, place_boxes
+from coin3d.detectors.query_boxes import CODE_SIZE, QueryDecodeOptions, place_boxes
 from coin3d.detectors.query_conventions import ReleasedQueryConventions
-from coin3d.detectors.query_losses import QueryLossWeights, query_losses, query_targets
+from coin3d.detectors.query_detector import QueryDetector
+from coin3d.detectors.query_losses import QueryLossWeights
+from coin3d.detectors.rig_memory import RigMemory
 from coin3d.detectors.space_range import SpaceRange
 from coin3d.detectors.vovnet import VoVNet99
-from coin3d.geometry import Boxes3D
 
 V2_99 = "v2-99"
 _SCORE_BIAS = -4.595  # sigmoid = 0.01, the usual prior where almost every query stands for nothing
@@ -82,6 +83,11 @@ class PETRConfig:
     decode: QueryDecodeOptions = field(default_factory=QueryDecodeOptions)
     released: ReleasedQueryConventions | None = None
 
+    @property
+    def frames(self) -> int:
+        """It looks at one frame."""
+        return 1
+
     def __post_init__(self) -> None:
         coarsest = max(self.strides)
         if self.image_width_px % coarsest or self.image_height_px % coarsest:
@@ -129,7 +135,7 @@ class PETRConfig:
         )
 
 
-class PETR(nn.Module):
+class PETR(QueryDetector):
     """The detector.
 
     Args:
@@ -139,6 +145,7 @@ class PETR(nn.Module):
     """
 
     name = "petr"
+    config: PETRConfig
 
     def __init__(self, config: PETRConfig, classes: tuple[str, ...], method: Method) -> None:
         super().__init__()
@@ -157,6 +164,7 @@ class PETR(nn.Module):
             width, config.strides[0], config.rays, config.ray_space, released.point_in_cell_px if released else None
         )
         self.camera_sine = CameraSineEmbedding(width) if released and released.camera_sine else None
+        self._positions: RigMemory[Tensor] = RigMemory()
         self.reference_points = nn.Parameter(torch.rand(config.queries, 3))
         codes = len(sine_code(torch.zeros(()))) * 3
         self.query_embedding = nn.Sequential(nn.Linear(codes, width), nn.ReLU(inplace=True), nn.Linear(width, width))
@@ -187,9 +195,7 @@ class PETR(nn.Module):
         """
         feature, _ = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
         h, w = feature.shape[-2:]
-        position = self.rays(batch.cameras, self._target_from_ego(batch)[batch.sample_index])
-        if self.camera_sine is not None:
-            position = position + self.camera_sine(batch.sample_index, h, w)
+        position = self._position(batch) if torch.is_grad_enabled() else self._remembered_position(batch)
         memory, memory_position = (
             gather_samples(x, batch.sample_index, batch.num_samples) for x in (self.input_proj(feature), position)
         )
@@ -206,44 +212,21 @@ class PETR(nn.Module):
             outputs["perspective"] = self.perspective(feature)
         return outputs
 
-    def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
-        """Weighted losses by name; their sum is what is minimised."""
-        if len(batch.boxes) != batch.num_samples:
-            raise ValueError(f"training needs boxes: {len(batch.boxes)} tables of them for {batch.num_samples} samples")
-        config, device = self.config, batch.images.device
-        outputs = self(batch)
-        tables = [self._from_bev(boxes) for boxes in batch.boxes]
-        targets = [query_targets(boxes, self.classes, config.box_space).to(device) for boxes in tables]
-        with torch.autocast(device.type, enabled=False):
-            losses = query_losses(outputs["class_logits"], outputs["boxes"], targets, config.weights)
-            if "perspective" in outputs:
-                cells = perspective_batch_targets(batch, config.strides[0])
-                losses["perspective"] = config.perspective_weight * perspective_loss(outputs["perspective"], cells)
-        return losses
+    def _position(self, batch: Batch) -> Float[Tensor, "m c h w"]:
+        position: Tensor = self.rays(batch.cameras, self._target_from_ego(batch)[batch.sample_index])
+        if self.camera_sine is not None:
+            position = position + self.camera_sine(batch.sample_index, *position.shape[-2:])
+        return position
 
-    @torch.no_grad()
-    def detect(self, batch: Batch) -> list[Boxes3D]:
-        """Boxes of each sample in the ego frame (the batch carries no BEV augmentation), best first."""
-        outputs, config = self(batch), self.config
-        found = decode_queries(
-            outputs["class_logits"][-1],
-            outputs["boxes"][-1],
-            self.classes,
-            config.decode,
-            with_velocity=config.weights.velocity > 0,
-        )
-        if config.released is None:
-            return found
-        return [boxes.transformed(config.released.ego_from_lidar) for boxes in found]
+    def _remembered_position(self, batch: Batch) -> Float[Tensor, "m c h w"]:
+        embeddings = [self.rays] if self.camera_sine is None else [self.rays, self.camera_sine]
+        weights = [w for embedding in embeddings for w in embedding.parameters()]
+        return self._positions.get(batch, lambda: self._position(batch), weights)
 
     def _query_position(self) -> Float[Tensor, "q c"]:
         x, y, z = self.reference_points.unbind(-1)
         out: Tensor = self.query_embedding(torch.cat([sine_code(y), sine_code(x), sine_code(z)], dim=-1))
         return out
-
-    def _from_bev(self, boxes: Boxes3D) -> Boxes3D:
-        released = self.config.released
-        return boxes if released is None else boxes.transformed(released.ego_from_lidar.inverse())
 
     def _target_from_ego(self, batch: Batch) -> Float[Tensor, "b 4 4"]:
         target = torch.eye(4, device=batch.bev_from_ego.device).repeat(batch.num_samples, 1, 1)

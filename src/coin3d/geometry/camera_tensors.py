@@ -63,6 +63,12 @@ class CameraTensors:
         )
 
     @property
+    def key(self) -> tuple[object, ...]:
+        """Equal for equal cameras on the same device: for memories of what depends on cameras alone."""
+        numbers = tuple(t.detach().cpu().numpy().tobytes() for t in (self.K, self.ego_from_cam, self.ground))
+        return (*numbers, self.height_px, self.width_px, str(self.K.device))
+
+    @property
     def focal_px(self) -> Float[Tensor, "m"]:
         """sqrt(|det K_2x2|): sqrt(fx fy), unchanged by flips and rotations of the image."""
         focal: Tensor = torch.linalg.det(self.K[:, :2, :2].double()).abs().sqrt()

@@ -29,7 +29,7 @@ class PriorCache:
 
     def maps(self, cameras: CameraTensors, stride: int = 1) -> Float[Tensor, "m 9 h2 w2"]:
         """The prior maps averaged to ``stride``. Do not write into them: the next caller gets the same tensor."""
-        key = _key(cameras)
+        key = cameras.key
         levels = self._by_rig.pop(key, None)
         if levels is None:
             levels = {1: self._compute(cameras)}
@@ -45,8 +45,3 @@ class PriorCache:
 
     def clear(self) -> None:
         self._by_rig.clear()
-
-
-def _key(cameras: CameraTensors) -> tuple[object, ...]:
-    numbers = tuple(t.detach().cpu().numpy().tobytes() for t in (cameras.K, cameras.ego_from_cam, cameras.ground))
-    return (*numbers, cameras.height_px, cameras.width_px, str(cameras.K.device))

@@ -19,17 +19,17 @@ TITLE = "CoIn3D demo: one detector, two camera rigs"
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A frame as one method saw it; frames with the same place are the same instant of the same world.
+    """A frame as one detector saw it; frames with the same place are the same instant of the same world.
 
     Args:
         rig: through which it was recorded.
-        method: of the detector.
+        name: of the detector.
         place: which of the frames that are shown.
         pictures: with truth and predictions.
     """
 
     rig: str
-    method: str
+    name: str
     place: int
     pictures: FramePictures
 
@@ -55,7 +55,7 @@ class DemoPage:
 
     Args:
         rows: of result.json.
-        reports: (method, rig, score) in the order of the rows.
+        reports: (name, rig, score) in the order of the rows.
         frames_per_rig: how many frames were scored.
         worlds: from how many worlds.
         min_score: predictions below are not drawn.
@@ -123,7 +123,7 @@ def _numbers(content: DemoPage) -> list[str]:
         paragraph(f"Protocol: {report.protocol.describe()}."),
         "<details><summary>The same without the visibility and LiDAR filters, and per class</summary>",
         table(open_header, open_rows),
-        *(f"<h3>{text(method)} on the {text(rig)} rig</h3><pre>{text(r.table())}</pre>" for method, rig, r in content.reports),
+        *(f"<h3>{text(name)} on the {text(rig)} rig</h3><pre>{text(r.table())}</pre>" for name, rig, r in content.reports),
         "</details>",
     ]
 
@@ -139,8 +139,8 @@ def _pictures(content: DemoPage) -> list[str]:
         parts.append(f"<h3>{text(rig)} rig{'' if rig == content.shown[0].rig else ', never trained on'}</h3>")
         # one frame after the other, so that the methods can be compared
         for shown in sorted((s for s in content.shown if s.rig == rig), key=lambda s: s.place):
-            cameras = figure(shown.pictures.cameras, f"{shown.method} on the {rig} rig")
-            parts.append(f'<div class="pair">{cameras}{figure(shown.pictures.above, f"{shown.method}, from above")}</div>')
+            cameras = figure(shown.pictures.cameras, f"{shown.name} on the {rig} rig")
+            parts.append(f'<div class="pair">{cameras}{figure(shown.pictures.above, f"{shown.name}, from above")}</div>')
     return parts
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +12,19 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from coin3d.detectors import DETECTORS, BEVDepth
+from coin3d.detectors import DETECTORS, TRAINABLE, Detector
 from coin3d.methods import METHODS
 from coin3d.records import from_plain, to_plain, write_bytes
 
 FORMAT = 1
+_TRUNK = "backbone."
 
 
-def build_detector(detector: str, config: Any, classes: tuple[str, ...], method: str, options: Any) -> BEVDepth:
+def build_detector(detector: str, config: Any, classes: tuple[str, ...], method: str, options: Any) -> Detector:
     """A fresh detector with a method attached."""
-    _, make_detector = DETECTORS[detector]
+    make_detector: Callable[..., Detector] = TRAINABLE[detector][1]
     _, make_method = METHODS[method]
-    model: BEVDepth = make_detector(config, classes, make_method(options))
-    return model
+    return make_detector(config, classes, make_method(options))
 
 
 def describe(
@@ -74,13 +75,15 @@ def read_description(path: Path) -> dict[str, Any]:
     return description
 
 
-def load_checkpoint(path: Path) -> tuple[BEVDepth, dict[str, Any]]:
+def load_checkpoint(path: Path) -> tuple[Detector, dict[str, Any]]:
     """Build the detector a checkpoint describes and load its weights (float32, evaluation mode).
 
     Raises:
         ValueError: unknown detector or method, or weights that do not belong to them.
     """
     d = read_description(path)
+    if d["detector"] == "trunk":
+        raise ValueError(f"{path}: a pre-trained trunk, which detects nothing; give it to coin3d train --trunk")
     for key, known in (("detector", DETECTORS), ("method", METHODS)):
         if d[key] not in known:
             raise ValueError(f"{path}: made with the {key} '{d[key]}', known are {', '.join(known)}")
@@ -94,15 +97,13 @@ def load_checkpoint(path: Path) -> tuple[BEVDepth, dict[str, Any]]:
     return model.eval(), d
 
 
-def load_weights(model: BEVDepth, path: Path) -> None:
+def load_weights(model: Detector, path: Path) -> None:
     """Load a checkpoint's weights into a detector of the same shape.
 
     Raises:
         ValueError: weights that are missing, unknown or of another shape, naming the first.
     """
-    description = read_description(path)
-    with safe_open(path, framework="pt") as file:
-        weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    description, weights = read_description(path), _tensors(path)
     own = model.state_dict()
     if wrong := sorted(set(own) ^ set(weights)):
         side = "lacks" if wrong[0] in own else "has the extra"
@@ -114,3 +115,31 @@ def load_weights(model: BEVDepth, path: Path) -> None:
         if tensor.shape != own[name].shape:
             raise ValueError(f"{path}: '{name}' has shape {tuple(tensor.shape)}, this detector needs {tuple(own[name].shape)}")
     model.load_state_dict({name: tensor.to(own[name].dtype) for name, tensor in weights.items()})
+
+
+def load_trunk(model: Detector, path: Path) -> None:
+    """Start the image trunk of a detector from that of a pre-training (``coin3d pretrain``) or of another detector.
+
+    Where a method gives the trunk more input channels, those keep their own start.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: a trunk of another shape.
+    """
+    description, weights = read_description(path), _tensors(path)
+    own = {name: tensor for name, tensor in model.state_dict().items() if name.startswith(_TRUNK)}
+    first = "backbone.trunk.conv1.weight"
+    if first in own and first in weights and own[first].shape[1] > weights[first].shape[1]:
+        weights[first] = torch.cat([weights[first], own[first][:, weights[first].shape[1] :].to(weights[first])], dim=1)
+    for name, tensor in own.items():
+        if name not in weights or weights[name].shape != tensor.shape:
+            raise ValueError(
+                f"{path}: the trunk of this {description['detector']} does not fit: this detector needs '{name}' of shape "
+                f"{tuple(tensor.shape)}; pre-train with the same detector and preset (coin3d pretrain)"
+            )
+    model.load_state_dict({name: weights[name].to(tensor.dtype) for name, tensor in own.items()}, strict=False)
+
+
+def _tensors(path: Path) -> dict[str, Tensor]:
+    with safe_open(path, framework="pt") as file:
+        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118

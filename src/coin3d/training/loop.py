@@ -15,7 +15,7 @@ import cv2
 import torch
 from torch.utils.data import DataLoader, Subset
 
-from coin3d.detectors import Batch, BEVDepth, collate
+from coin3d.detectors import Batch, Detector, collate
 from coin3d.records import write_bytes
 from coin3d.training.checkpoint import save_checkpoint
 from coin3d.training.ema import WeightAverage
@@ -42,7 +42,7 @@ class StepLog:
 
 
 def fit(
-    model: BEVDepth,
+    model: Detector,
     samples: TrainingSamples,
     options: TrainOptions,
     out: Path,
@@ -82,7 +82,7 @@ def fit(
 
 
 def _step(
-    model: BEVDepth,
+    model: Detector,
     optimizers: Optimizers,
     average: WeightAverage,
     batches: Iterator[Batch],
@@ -96,7 +96,7 @@ def _step(
     torch.manual_seed(options.seed * 1_000_003 + step)  # dropout is a function of the step: resuming changes nothing
     for optimizer, peak_rate in optimizers:
         for group in optimizer.param_groups:
-            group["lr"] = peak_rate * options.schedule_at(step)
+            group["lr"] = peak_rate * group["rate_share"] * options.schedule_at(step)
     kind = torch.device(device).type
     with torch.autocast(kind, dtype=torch.bfloat16, enabled=options.precision == "bfloat16"):
         losses = model.losses(batch)
@@ -146,7 +146,7 @@ def _one_thread(worker: int) -> None:
     torch.set_num_threads(1)
 
 
-def _save_state(path: Path, model: BEVDepth, optimizers: Optimizers, average: WeightAverage, step: int) -> None:
+def _save_state(path: Path, model: Detector, optimizers: Optimizers, average: WeightAverage, step: int) -> None:
     buffer = io.BytesIO()
     progressed = [optimizer.state_dict() for optimizer, _ in optimizers]
     state = {"model": model.state_dict(), "optimizers": progressed, "average": average.weights, "step": step}
@@ -155,7 +155,7 @@ def _save_state(path: Path, model: BEVDepth, optimizers: Optimizers, average: We
 
 
 def _restore(
-    path: Path, model: BEVDepth, optimizers: Optimizers, average: WeightAverage, progress: Callable[[str], None]
+    path: Path, model: Detector, optimizers: Optimizers, average: WeightAverage, progress: Callable[[str], None]
 ) -> int:
     if not path.is_file():
         return 0

@@ -20,6 +20,7 @@ class TrainOptions:
         optimizer: ``adamw`` for everything, or ``muon`` for the convolutions and AdamW for the rest.
         learning_rate: peak learning rate of AdamW.
         muon_learning_rate: peak learning rate of Muon.
+        backbone_rate: share of the learning rates that the image trunk gets, below 1 for trunks that were trained before.
         weight_decay: of AdamW.
         warmup_steps: linear warm-up from a thousandth of the learning rate.
         schedule: after warm-up, fall to zero along a cosine or stay (the released configuration stays).
@@ -37,6 +38,7 @@ class TrainOptions:
     optimizer: Literal["adamw", "muon"] = "adamw"
     learning_rate: float = 2e-4
     muon_learning_rate: float = 0.02
+    backbone_rate: float = 1.0
     weight_decay: float = 1e-2
     warmup_steps: int = 200
     schedule: Literal["cosine", "constant"] = "constant"
@@ -86,6 +88,7 @@ class TrainOptions:
                 image=ImageAugmentation(flip_probability=0.0, max_rotation_deg=0.0),
                 bev=BevAugmentation(max_rotation_deg=0.0, min_scale=1.0, max_scale=1.0, flip_probability=0.0),
                 cameras_per_sample=3,
+                half_turn_probability=0.3,
             ),
         )
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch.utils.data
+from jaxtyping import Float
 
 from coin3d.augmentation import (
     BevAugmentation,
@@ -18,8 +20,12 @@ from coin3d.augmentation import (
 )
 from coin3d.datasets.classes import ClassMap
 from coin3d.datasets.frame import Frame, Recording
-from coin3d.detectors.inputs import Sample, lidar_depth
-from coin3d.geometry import Boxes3D, Camera, fit_width
+from coin3d.datasets.frames_before import FramesBefore
+from coin3d.detectors.inputs import Sample, lidar_depth, with_earlier
+from coin3d.geometry import Boxes3D, Camera, GroundPlane, Pose, Rig, fit_width
+
+_BEHIND_M = np.array([-50.0, 0.0, 1.0])
+_HALF_TURN = Pose.from_euler(np.pi, 0.0, 0.0, np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -30,17 +36,22 @@ class AugmentOptions:
         image: mirrors and turns of images.
         bev: turns, scales and mirrors of the ground plane.
         cameras_per_sample: train on this many randomly chosen cameras of each frame; 0 means all.
+        half_turn_probability: chance that a sample of a rig that does not see behind is told in an ego frame that is turned by
+            180 degrees, cameras, points, boxes and all, and so teaches what it is to look back.
         keep_unseen_boxes: also ask for boxes that no camera of the sample sees, as the released code does.
     """
 
     image: ImageAugmentation = field(default_factory=ImageAugmentation)
     bev: BevAugmentation = field(default_factory=BevAugmentation)
     cameras_per_sample: int = 0
+    half_turn_probability: float = 0.0
     keep_unseen_boxes: bool = False
 
     def __post_init__(self) -> None:
         if self.cameras_per_sample < 0:
             raise ValueError(f"cameras_per_sample is 0 (all) or a count, got {self.cameras_per_sample}")
+        if not 0 <= self.half_turn_probability <= 1:
+            raise ValueError(f"half_turn_probability lies in [0, 1], got {self.half_turn_probability}")
 
 
 class TrainingSamples(torch.utils.data.Dataset[Sample]):
@@ -58,6 +69,7 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         seed: of everything random.
         count: how many samples there are.
         frame_augmentation: the method's own way to make all views of a sample.
+        frames: 2 or more: samples bring the frames before along, seen by the same cameras and augmented alike.
     """
 
     def __init__(
@@ -70,10 +82,12 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         seed: int,
         count: int,
         frame_augmentation: FrameAugmentation | None = None,
+        frames: int = 1,
     ) -> None:
         self.recordings, self.class_map, self.size_px = list(recordings), class_map, size_px
         self.augment, self.view_augmentation, self.seed, self.count = augment, view_augmentation, seed, count
-        self.frame_augmentation = frame_augmentation
+        self.frame_augmentation, self.frames = frame_augmentation, frames
+        self._before = [FramesBefore(recording) for recording in self.recordings]
         self.places = [(r, i) for r, recording in enumerate(self.recordings) for i in range(len(recording))]
         if not self.places:
             raise ValueError("there are no frames to train on")
@@ -86,28 +100,43 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         order = np.random.default_rng([self.seed, epoch]).permutation(len(self.places))
         recording, index = self.places[order[place]]
         rng = np.random.default_rng([self.seed, epoch, number])
-        return self.draw(self.recordings[recording][index], rng)
+        frame = self.recordings[recording][index]
+        return self.draw(frame, rng, self._before[recording](frame, self.frames - 1, index))
 
-    def draw(self, frame: Frame, rng: np.random.Generator) -> Sample:
-        """One augmented sample of a frame."""
+    def draw(self, frame: Frame, rng: np.random.Generator, earlier: Sequence[Frame] = ()) -> Sample:
+        """One augmented sample of a frame, with the frames before it, latest first."""
         if frame.boxes is None:
             raise ValueError(f"frame {frame.token} has no annotations; training needs them")
         if frame.lidar is None:
             raise ValueError(f"frame {frame.token} has no LiDAR; training needs it for depth supervision")
+        # every frame of a sample is drawn with the same numbers: same cameras, same augmentation, same novel rig
+        again = [copy.deepcopy(rng) for _ in earlier]
         views = self._views(frame, rng)
-        cameras = [v.network_camera() for v in views]
-        points_ego = frame.lidar.load().points_ego
         bev_from_ego = self.augment.bev.draw(rng)
-        boxes = self.class_map.apply(frame.boxes)
+        turn = self._turn(frame.rig, rng)
+        cameras = _turned_cameras(views, turn)
+        points_ego = turn.apply(frame.lidar.load().points_ego)
+        boxes = self.class_map.apply(frame.boxes).transformed(turn)
         hit = boxes[boxes.num_lidar_points != 0]
-        return Sample(
+        sample = Sample(
             np.stack([v.network_image() for v in views]),
             tuple(cameras),
-            frame.rig.ground,
+            _turned_ground(frame.rig.ground, turn),
             bev_from_ego,
             np.stack([lidar_depth(points_ego, camera) for camera in cameras]),
             transform_boxes(hit if self.augment.keep_unseen_boxes else visible_boxes(hit, cameras), bev_from_ego),
         )
+        before = [self._unlabelled(f, bev_from_ego, turn, same) for f, same in zip(earlier, again, strict=True)]
+        return with_earlier(sample, _turned_frame(frame, turn), [_turned_frame(f, turn) for f in earlier], before)
+
+    def _turn(self, rig: Rig, rng: np.random.Generator) -> Pose:
+        sees_behind = bool(rig.sees(_BEHIND_M))
+        return Pose.identity() if sees_behind or rng.random() >= self.augment.half_turn_probability else _HALF_TURN
+
+    def _unlabelled(self, frame: Frame, bev_from_ego: Float[np.ndarray, "3 3"], turn: Pose, rng: np.random.Generator) -> Sample:
+        views = self._views(frame, rng)
+        images = np.stack([v.network_image() for v in views])
+        return Sample(images, tuple(_turned_cameras(views, turn)), _turned_ground(frame.rig.ground, turn), bev_from_ego)
 
     def _choose(self, frame: Frame, rng: np.random.Generator) -> list[str]:
         names = list(frame.rig)
@@ -130,6 +159,18 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         if self.view_augmentation is not None:
             view = self.view_augmentation(view, rng)
         return self.augment.image(view, rng)
+
+
+def _turned_cameras(views: Sequence[View], turn: Pose) -> list[Camera]:
+    return [camera.moved(turn @ camera.ego_from_cam) for camera in (v.network_camera() for v in views)]
+
+
+def _turned_ground(ground: GroundPlane, turn: Pose) -> GroundPlane:
+    return GroundPlane(turn.rotate(ground.normal), ground.offset_m)  # the ego origin stays where it is
+
+
+def _turned_frame(frame: Frame, turn: Pose) -> Frame:
+    return replace(frame, world_from_ego=frame.world_from_ego @ turn.inverse())
 
 
 def visible_boxes(boxes: Boxes3D, cameras: Sequence[Camera]) -> Boxes3D:

@@ -13,7 +13,7 @@ from coin3d.datasets.classes import ClassMap
 from coin3d.datasets.open import open_recording
 from coin3d.records import to_plain, write_json
 from coin3d.rendering.gaussian_folder import GaussianFolder
-from coin3d.training.checkpoint import build_detector, describe, load_weights
+from coin3d.training.checkpoint import build_detector, describe, load_trunk, load_weights
 from coin3d.training.curves import draw_curves
 from coin3d.training.loop import LOG_FILE, WEIGHTS_FILE, fit
 from coin3d.training.options import TrainOptions
@@ -34,6 +34,7 @@ def train(
     class_map: ClassMap,
     options: TrainOptions,
     init: Path | None = None,
+    trunk: Path | None = None,
     gaussians: Path | None = None,
     device: str = "cpu",
     progress: Callable[[str], None] = print,
@@ -42,6 +43,8 @@ def train(
 
     ``out`` receives run.json (everything needed to repeat the run), log.jsonl, curves.png and model.safetensors. Called
     again on an unfinished ``out`` with the same arguments it continues; on a finished one it does nothing.
+
+    ``init`` starts from all weights of a checkpoint of the same detector and method, ``trunk`` from the image trunk of one.
 
     ``gaussians`` is the folder of the recordings' scenes as Gaussians, for methods with novel views. It is needed while
     training only: a checkpoint says that novel views were used, not where they lay.
@@ -60,6 +63,7 @@ def train(
             "classes": class_map.name,
             "training": options,
             "init": str(init) if init else None,
+            "trunk": str(trunk) if trunk else None,
             "gaussians": str(gaussians) if gaussians else None,
         }
     )
@@ -67,6 +71,8 @@ def train(
     model = build_detector(detector, config, class_map.classes, method, method_options)
     if init is not None:
         load_weights(model, init)
+    if trunk is not None:
+        load_trunk(model, trunk)
     size = (config.image_width_px, config.image_height_px)
     recordings = [open_recording(path) for path in data]
     count = options.steps * options.batch_size
@@ -75,7 +81,15 @@ def train(
         raise ValueError(f"the method {method} as it is set renders no novel views: it has no use for {gaussians}")
     view_augmentation = model.method.view_augmentation
     samples = TrainingSamples(
-        recordings, class_map, size, options.augment, view_augmentation, options.seed, count, frame_augmentation
+        recordings,
+        class_map,
+        size,
+        options.augment,
+        view_augmentation,
+        options.seed,
+        count,
+        frame_augmentation,
+        config.frames,
     )
     samples[0]  # data that cannot be trained on should show before anything is written
     _claim(out, settings, data)
