@@ -129,8 +129,8 @@ class BEVDepthConfig:
         fixed = (self.head_stride, self.grid.slabs, self.previous_by)
         if self.megvii is not None and fixed != (1, 1, "pose"):
             raise ValueError(
-                "Megvii's BEVDepth has one slab, a head at the resolution of the grid and frames placed by pose; got "
-                f"head_stride, slabs, previous_by = {fixed}"
+                "Megvii's BEVDepth has one slab, a head at the resolution of the grid, and frames placed by pose; "
+                f"got head_stride, slabs, previous_by = {fixed}"
             )
 
     @property

@@ -33,10 +33,7 @@ class DecodeOptions:
 
 
 def decode_centers(
-    outputs: dict[str, Float[Tensor, "b _ y x"]],
-    classes: Sequence[str],
-    grid: BevGrid,
-    options: DecodeOptions,
+    outputs: dict[str, Float[Tensor, "b _ y x"]], classes: Sequence[str], grid: BevGrid, options: DecodeOptions
 ) -> list[Boxes3D]:
     """Boxes of each sample in the BEV frame, best score first."""
     maps = {name: values.detach().float().cpu() for name, values in outputs.items()}
