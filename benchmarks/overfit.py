@@ -35,7 +35,7 @@ OPTIONS = CoIn3DOptions(placement="paper", focal_augmentation=False)
 def learn_by_heart(detector: str, work: Path, steps: int) -> dict[str, Any]:
     """Train a detector on the frames and score it on them."""
     data = record(preset_rig("nuscenes", WIDTH_PX), work / "town", seeds=list(WORLDS), key_frames=KEY_FRAMES, workers=2)
-    tiny = TrainOptions.tiny_for(detector)
+    tiny = TrainOptions.tiny()
     training = replace(tiny, steps=steps, augment=replace(tiny.augment, cameras_per_sample=0), batch_size=2)
     weights = train(
         [data], work / f"{detector}_{steps}", detector=detector, config=DETECTORS[detector][0].tiny(), method="coin3d",

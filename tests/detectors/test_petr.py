@@ -15,6 +15,7 @@ from coin3d.detectors.position_embedding_3d import RayPoints
 from coin3d.detectors.query_boxes import QueryDecodeOptions
 from coin3d.detectors.query_conventions import ReleasedQueryConventions
 from coin3d.detectors.query_losses import QueryLossWeights
+from coin3d.detectors.released_lidar import ReleasedLidar
 from coin3d.detectors.space_range import SpaceRange
 from coin3d.geometry import Boxes3D
 from coin3d.methods import METHODS
@@ -146,10 +147,10 @@ def test_detections_are_sorted_boxes_in_range() -> None:
 
 def test_released_weights_predict_in_the_lidar_frame() -> None:
     """The same network there: its boxes and its rays move with the frame."""
-    lidar = ReleasedQueryConventions(lidar_in_ego_m=(1.0, 0.0, 1.8), point_in_cell_px=8.0, camera_sine=False)
+    lidar = ReleasedQueryConventions(lidar=ReleasedLidar((1.0, 0.0, 1.8)), point_in_cell_px=8.0, camera_sine=False)
     theirs = petr(config=replace(CONFIG, released=lidar)).eval()
     ours, one = petr().eval(), batch(sample(0, ring_rig(3)))
-    cell, camera = (0, 2, 3), lidar.ego_from_lidar
+    cell, camera = (0, 2, 3), lidar.lidar.ego_from_lidar
     ego = ours.rays.points_m(one.cameras, ours._target_from_ego(one)[one.sample_index])[cell].detach().numpy()
     moved = theirs.rays.points_m(one.cameras, theirs._target_from_ego(one)[one.sample_index])[cell].detach().numpy()
     np.testing.assert_allclose(camera.apply(moved.astype(np.float64)), ego, atol=1e-4)

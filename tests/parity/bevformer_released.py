@@ -44,7 +44,7 @@ def released_batch(lidar2img: np.ndarray) -> Batch:
     cam_from_lidar[:, :3] = np.linalg.inv(K) @ lidar2img[:, :3]
     ours = K.copy()
     ours[:2, 2] += 0.5 - CONFIG.released.first_pixel
-    ego_from_cam = CONFIG.released.ego_from_lidar.matrix @ np.linalg.inv(cam_from_lidar)
+    ego_from_cam = CONFIG.released.lidar.ego_from_lidar.matrix @ np.linalg.inv(cam_from_lidar)
     cameras = CameraTensors(
         torch.from_numpy(np.tile(ours, (6, 1, 1))).float(),
         torch.from_numpy(ego_from_cam).float(),

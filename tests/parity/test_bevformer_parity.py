@@ -61,7 +61,7 @@ def test_projected_pillars() -> None:
     assert (views.references - expected)[visible].abs().max() < 1e-6
     # the same through our cameras, whose poses and pixels have other origins
     assert CONFIG.released is not None
-    lidar_from_ego = torch.from_numpy(CONFIG.released.ego_from_lidar.inverse().matrix.copy())[None]
+    lidar_from_ego = torch.from_numpy(CONFIG.released.lidar.ego_from_lidar.inverse().matrix.copy())[None]
     ours = image_from_bev(batch.cameras, lidar_from_ego, batch.sample_index, CONFIG.released.first_pixel)
     assert error(ours, stored()["lidar2img"][:, :3]) < 1e-6
 

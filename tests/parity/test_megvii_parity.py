@@ -24,7 +24,7 @@ from coin3d.detectors.task_losses import task_losses
 from coin3d.geometry import Boxes3D
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.methods import Direct
-from coin3d.training.released.megvii_keys import MEGVII_KEYS, megvii_config, megvii_options
+from coin3d.training.released.megvii_keys import MEGVII_KEYS, megvii_options
 
 Stored = dict[str, np.ndarray]
 BRANCHES = {"reg": "offset", "height": "height", "dim": "size", "rot": "heading", "vel": "velocity", "heatmap": "heatmap"}
@@ -39,7 +39,7 @@ def stored_of(variant: str) -> Stored:
 def detector(variant: str) -> BEVDepth:
     weights = released_weights(*VARIANTS[variant])
     width, height = FIXTURE_SIZE_PX
-    config = replace(megvii_config(weights), image_width_px=width, image_height_px=height)
+    config = replace(BEVDepthConfig.released_megvii(*VARIANTS[variant]), image_width_px=width, image_height_px=height)
     assert config.megvii is not None
     with torch.device("meta"):  # its own random weights would take longer than all that is tested here
         model = BEVDepth(config, config.megvii.classes, Direct(megvii_options())).eval()

@@ -18,6 +18,7 @@ from coin3d.detectors.petr import PETR, PETRConfig
 from coin3d.detectors.query_boxes import decode_queries
 from coin3d.detectors.query_conventions import ReleasedQueryConventions
 from coin3d.detectors.query_losses import QueryLossWeights, QueryTargets, query_losses, query_targets
+from coin3d.detectors.released_lidar import ReleasedLidar
 from coin3d.geometry import Boxes3D, wrap_angle
 from coin3d.geometry.camera_tensors import CameraTensors
 from coin3d.methods import Method
@@ -27,8 +28,7 @@ from coin3d.training.released.petr_keys import PETR_KEYS, petr_in_our_convention
 HEIGHT_PX, WIDTH_PX = 64, 160
 CLASSES = tuple(f"class{i}" for i in range(10))
 CONVENTIONS = ReleasedQueryConventions(
-    lidar_in_ego_m=(0.0, 0.0, 0.0),
-    lidar_yaw_rad=0.0,
+    lidar=ReleasedLidar((0.0, 0.0, 0.0), 0.0),
     point_in_cell_px=0.0,
     camera_headings_deg=(90.0, 35.0, 145.0, -90.0, -35.0, -145.0),
 )

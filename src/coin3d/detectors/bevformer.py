@@ -129,7 +129,7 @@ class BEVFormer(QueryDetector):
         matrix = torch.eye(4, dtype=torch.float64, device=batch.images.device).repeat(batch.num_samples, 1, 1)
         matrix[:, :3, :3] = batch.bev_from_ego.double()
         if self.config.released is not None:
-            matrix = torch.from_numpy(self.config.released.ego_from_lidar.inverse().matrix.copy()).to(matrix) @ matrix
+            matrix = torch.from_numpy(self.config.released.lidar.ego_from_lidar.inverse().matrix.copy()).to(matrix) @ matrix
         return matrix
 
     def _history(

@@ -235,5 +235,5 @@ class PETR(QueryDetector):
         target[:, :3, :3] = batch.bev_from_ego
         if self.config.released is None:
             return target
-        lidar_from_bev = torch.tensor(self.config.released.ego_from_lidar.inverse().matrix).to(target)
+        lidar_from_bev = torch.tensor(self.config.released.lidar.ego_from_lidar.inverse().matrix).to(target)
         return lidar_from_bev @ target

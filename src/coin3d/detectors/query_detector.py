@@ -14,17 +14,18 @@ from coin3d.detectors.detector import Detector, DetectorConfig
 from coin3d.detectors.perspective import perspective_batch_targets, perspective_loss
 from coin3d.detectors.query_boxes import QueryDecodeOptions, decode_queries
 from coin3d.detectors.query_losses import QueryLossWeights, query_losses, query_targets
+from coin3d.detectors.released_lidar import ReleasedLidar
 from coin3d.detectors.space_range import SpaceRange
-from coin3d.geometry import Boxes3D, Pose
+from coin3d.geometry import Boxes3D
 
 
 @runtime_checkable
-class LidarFrame(Protocol):
-    """Conventions of released weights that predict in the frame of a LiDAR."""
+class HasLidar(Protocol):
+    """Conventions of released weights."""
 
     @property
-    def ego_from_lidar(self) -> Pose:
-        """Where that LiDAR is."""
+    def lidar(self) -> ReleasedLidar:
+        """The frame their boxes are predicted in."""
 
 
 @runtime_checkable
@@ -52,7 +53,7 @@ class QueryDetectorConfig(DetectorConfig, Protocol):
         """How boxes are read off."""
 
     @property
-    def released(self) -> LidarFrame | None:
+    def released(self) -> HasLidar | None:
         """Only for converted weights: boxes are predicted in the frame of a LiDAR, not in the ego frame."""
 
 
@@ -95,8 +96,10 @@ class QueryDetector(Detector):
             config.decode,
             with_velocity=config.weights.velocity > 0,
         )
-        return found if config.released is None else [boxes.transformed(config.released.ego_from_lidar) for boxes in found]
+        return (
+            found if config.released is None else [boxes.transformed(config.released.lidar.ego_from_lidar) for boxes in found]
+        )
 
     def _in_frame_of_boxes(self, boxes: Boxes3D) -> Boxes3D:
         released = self.config.released
-        return boxes if released is None else boxes.transformed(released.ego_from_lidar.inverse())
+        return boxes if released is None else boxes.transformed(released.lidar.ego_from_lidar.inverse())

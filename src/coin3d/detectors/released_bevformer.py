@@ -9,8 +9,7 @@ it was before the first.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from jaxtyping import Float
@@ -21,7 +20,7 @@ from coin3d.detectors.bev_history import BevHistory
 from coin3d.detectors.camera_seats import NUSCENES_HEADINGS_DEG, camera_seats
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.detectors.pillar_projection import cell_centres
-from coin3d.geometry.pose import Pose
+from coin3d.detectors.released_lidar import ReleasedLidar
 
 
 @dataclass(frozen=True)
@@ -36,8 +35,7 @@ class ReleasedBevFormer:
         turn_centre_cells: column and row about which the previous bird's-eye view is turned (outside the grid of 50).
         first_pixel: coordinate of the centre of the first pixel of the network's input: pixels of the raw image were counted
             from 0, and halving the image halved them without the half pixel.
-        lidar_position_m: where nuScenes' LiDAR sits in the ego frame.
-        lidar_yaw_rad: direction of its x axis (right) in the ego frame.
+        lidar: the frame the network works in.
     """
 
     camera_headings_deg: tuple[float, ...] = NUSCENES_HEADINGS_DEG
@@ -45,13 +43,7 @@ class ReleasedBevFormer:
     bus_numbers: int = 18
     turn_centre_cells: tuple[float, float] = (100.0, 100.0)
     first_pixel: float = 0.25
-    lidar_position_m: tuple[float, float, float] = (0.943713, 0.0, 1.84023)
-    lidar_yaw_rad: float = -math.pi / 2
-
-    @property
-    def ego_from_lidar(self) -> Pose:
-        """The frame the network works in, seen from the ego frame."""
-        return Pose.from_euler(self.lidar_yaw_rad, 0.0, 0.0, self.lidar_position_m)
+    lidar: ReleasedLidar = field(default_factory=ReleasedLidar)
 
 
 class ReleasedParts(nn.Module):
