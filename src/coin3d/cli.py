@@ -68,6 +68,8 @@ Train on one rig, evaluate on another:
   coin3d town --out data/val --rig waymo --scenes 10 --first-seed 5000
   coin3d train data/train --out runs/coin3d
   coin3d evaluate runs/coin3d/model.safetensors data/val --out out/score
+  coin3d pretrain data/train --out runs/trunk       an image trunk to start transformers from:
+  coin3d train data/train --out runs/petr --detector petr --trunk runs/trunk/model.safetensors
 
 A wrong file or value ends in one line and exit code 2; COIN3D_DEBUG=1 shows the traceback.
 """

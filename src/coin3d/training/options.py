@@ -68,7 +68,7 @@ class TrainOptions:
 
     @classmethod
     def tiny(cls) -> TrainOptions:
-        """About a quarter of an hour on two CPU cores (minutes of each run: results/town_transfer).
+        """Minutes on two CPU cores (benchmarks/training_step.py; those of whole runs: results/town_transfer).
 
         Neither images nor the ground plane are mirrored or turned. A mirror hides which way a car faces from features that
         are not told of it; a turn of the image by 5 degrees moves the horizon at the edge of a 352-pixel image by 16 rows,
