@@ -199,6 +199,19 @@ def test_frames_before_in_a_batch_are_the_history() -> None:
     assert (run("none", replace(now, previous=None))["bev"] - expected["bev"]).abs().max() > 0.1
 
 
+def test_frames_before_are_not_learned_from() -> None:
+    one = sample(0, ring_rig(5))
+    alone = collate([one])
+    before = replace(collate([sample(1, ring_rig(5))]), key_from_ego=torch.eye(4).repeat(5, 1, 1), depth_m=None, boxes=())
+    statistics = []
+    for given in (alone, replace(alone, previous=before)):
+        made = detector().train()
+        torch.stack(list(made.losses(given).values())).sum().backward()
+        assert made.training and made.backbone.training
+        statistics.append({name: value for name, value in made.named_buffers() if "running_" in name})
+    assert all(torch.equal(value, statistics[1][name]) for name, value in statistics[0].items())
+
+
 def test_released_parts_see_the_same_motion() -> None:
     """3.2 m (a cell) forward is a cell along y in the released LiDAR frame; a turn is told in degrees."""
     grid = BevGrid(25.6, 3.2)

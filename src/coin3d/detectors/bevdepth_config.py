@@ -145,8 +145,8 @@ class BEVDepthConfig:
 
     @classmethod
     def paper(cls) -> BEVDepthConfig:
-        """ResNet-50 at 704 x 384, the size of the paper's tables."""
-        return cls()
+        """ResNet-50 at 704 x 384 with the frame before, the size of the paper's tables."""
+        return cls(frames=2, frame_blocks=2)
 
     @classmethod
     def released_megvii(cls, frames: int = 2, depth_aggregation: bool = False) -> BEVDepthConfig:

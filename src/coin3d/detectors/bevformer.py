@@ -100,9 +100,7 @@ class BEVFormer(QueryDetector):
             ValueError: history without motion, or bus numbers for a model that reads none.
         """
         if previous_bev is None and batch.previous is not None:
-            with torch.no_grad():
-                previous_bev = self(batch.previous)["bev"]
-            previous_from_current = batch.previous_from_ego
+            previous_bev, previous_from_current = self._bev_of_before(batch.previous), batch.previous_from_ego
         neck_feature, _ = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
         bev_from_ego = self._bev_from_ego(batch)
         features: Tensor = self.narrow(neck_feature)
@@ -123,6 +121,17 @@ class BEVFormer(QueryDetector):
         if self.perspective is not None and self.training:
             outputs["perspective"] = self.perspective(neck_feature)
         return outputs
+
+    @torch.no_grad()
+    def _bev_of_before(self, before: Batch) -> Float[Tensor, "b q c"]:
+        # as it will be when detecting: earlier frames are not learned from, nor do they enter the statistics of batch norm
+        training = self.training
+        self.eval()
+        try:
+            bev: Tensor = self(before)["bev"]
+        finally:
+            self.train(training)
+        return bev
 
     def _bev_from_ego(self, batch: Batch) -> Float[Tensor, "b 4 4"]:
         """The frame of the grid, float64: the augmented ego frame, or the LiDAR's for released weights."""

@@ -84,8 +84,8 @@ class BEVFormerConfig:
 
     @classmethod
     def paper(cls) -> BEVFormerConfig:
-        """ResNet-50 at 800 x 448, the size of the paper's tables."""
-        return cls()
+        """ResNet-50 at 800 x 448 with two frames before, the size of the paper's tables."""
+        return cls(frames=3)
 
     @classmethod
     def small(cls) -> BEVFormerConfig:
