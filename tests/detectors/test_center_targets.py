@@ -174,3 +174,17 @@ def test_fresh_head_predicts_the_usual_prior() -> None:
         outputs = CenterHead(8, 2, 16).eval()(torch.zeros(1, 8, 16, 16))
     assert {name: value.shape[1] for name, value in outputs.items()} == {**REGRESSIONS, "heatmap": 2}
     assert float(outputs["heatmap"].sigmoid().mean()) == pytest.approx(0.1, abs=0.02)
+
+
+def test_small_classes_may_stand_close() -> None:
+    """Two 1.4 m squares 0.9 m apart overlap by 0.7 of 3.22 square metres, at 0.7 of their size by 0.078 of 1.84."""
+    pairs = [
+        Boxes3D.create([(0.4, 0.4 + y, 1.0), (1.3, 0.4 + y, 1.0)], [(1.4, 1.4, 1.7)] * 2, [0, 0], [label] * 2)
+        for label, y in (("car", 0.0), ("pedestrian", 8.0))
+    ]
+    outputs = ideal_outputs(center_targets([Boxes3D.concatenate(pairs)], CLASSES, GRID, min_radius_cells=1))
+    for factors, expected in (((), 2), ((1.0, 0.7), 3), ((0.7, 0.7), 4)):
+        options = DecodeOptions(min_score=0.9, nms_size_factors=factors)
+        (found,) = decode_centers(outputs, CLASSES, GRID, options)
+        assert len(found) == expected
+        np.testing.assert_allclose(found.size_m, [(1.4, 1.4, 1.7)] * expected, rtol=1e-5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -23,12 +23,14 @@ class DecodeOptions:
         max_boxes: cells considered per sample, over all classes.
         min_score: weaker cells are dropped.
         nms_iou: bird's-eye-view overlap at which the weaker box goes.
+        nms_size_factors: per class, the boxes are compared at this share of their size; at full size if empty.
         max_kept: boxes left per sample.
     """
 
     max_boxes: int = 500
     min_score: float = 0.1
     nms_iou: float = 0.2
+    nms_size_factors: tuple[float, ...] = ()
     max_kept: int = 500
 
 
@@ -44,7 +46,9 @@ def decode_centers(
         centre_m, size_m, yaw_rad = boxes_at(of_sample, cell, grid)
         names = np.asarray(classes, dtype=np.str_)[label.numpy()]
         boxes = Boxes3D.create(centre_m.numpy(), size_m.numpy(), yaw_rad.numpy(), names, scores=scores.numpy())
-        kept = rotated_nms(boxes, options.nms_iou)[: options.max_kept]
+        factors = np.asarray(options.nms_size_factors or np.ones(len(classes)))[label.numpy()]
+        compared = replace(boxes, size_m=boxes.size_m * factors[:, None])
+        kept = rotated_nms(compared, options.nms_iou)[: options.max_kept]
         decoded.append(boxes[kept])
     return decoded
 

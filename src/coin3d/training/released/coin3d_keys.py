@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from coin3d.detectors import BEVDepthConfig
+from coin3d.detectors.center_decode import DecodeOptions
 from coin3d.methods import CoIn3DOptions
 from coin3d.priors.released import ReleasedConventions
 from coin3d.training.released.key_map import KeyMap
 
 
-def released_config(conventions: ReleasedConventions, height_px: int = 384) -> BEVDepthConfig:
+def released_config(
+    conventions: ReleasedConventions, height_px: int = 384, nms_size_factors: tuple[float, ...] = (1.0,)
+) -> BEVDepthConfig:
     """The detector those weights belong to: 704 pixels wide, 384 high for nuScenes, 320 for Waymo and the mix."""
     return BEVDepthConfig(
-        image_height_px=height_px, depth_channels=521, frames=2, frame_blocks=2, previous_by="warp", released=conventions
+        image_height_px=height_px,
+        depth_channels=521,
+        frames=2,
+        frame_blocks=2,
+        previous_by="warp",
+        decode=DecodeOptions(nms_size_factors=nms_size_factors),
+        released=conventions,
     )
 
 
