@@ -57,7 +57,7 @@ def test_modulation() -> None:
 def test_spatial_cross_attention() -> None:
     """Two cameras that see different halves of the queries."""
     torch.manual_seed(0)
-    attention = SpatialCrossAttention(4, 2, 4, 2, 0.0).double()
+    attention = SpatialCrossAttention(4, 2, 4, 0.0).double()
     visible = torch.tensor([[[True, True], [True, False], [False, False]], [[False, False], [True, True], [False, True]]])
     references = torch.rand(2, 3, 2, 2, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     seen = VisibleQueries.of(PillarViews(references, visible), torch.tensor([0, 0]), 1)
