@@ -21,7 +21,7 @@ def convert(
         str | None, arg(name="from", metavar="NAME", help_behavior_hint="(default: told by the weights, where they can)")
     ] = None,
 ) -> None:
-    """Convert released weights of CoIn3D, BEVFormer or PETR to a checkpoint that detect and evaluate take.
+    """Convert released weights of CoIn3D, BEVDepth, BEVFormer or PETR to a checkpoint that detect and evaluate take.
 
     The file is read as numbers alone: whatever else it holds is never run. Every weight is mapped, or left out with a reason
     that is printed and listed in OUT.result.json; a weight that is unknown, missing or of another shape ends the conversion
