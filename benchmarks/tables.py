@@ -41,6 +41,15 @@ def transfer_long() -> str:
     return town_transfer.markdown(suffix="_long")
 
 
+def training_step() -> str:
+    """Seconds of a step at preset tiny."""
+    rows = [
+        [row["detector"], row["method"], f"{row['seconds_per_step']:.3f}", f"{row['preset_minutes']:.1f}"]
+        for row in figures("benchmarks/training_step.json")["rows"]
+    ]
+    return table(["detector", "method", "seconds per step", "minutes for 1,000 steps"], rows)
+
+
 def novel_views() -> str:
     """Rendered against true views."""
     rows = [
@@ -110,7 +119,10 @@ def building() -> str:
     return table(header, [[*row, f"{f['peak_gib']:.1f} GiB", f"{f['megabytes_per_frame']:.1f} MB"]])
 
 
-TABLES = {make.__name__: make for make in (transfer, transfer_long, novel_views, mesh_depth, real, renderer, fusion, building)}
+TABLES = {
+    make.__name__: make
+    for make in (transfer, transfer_long, training_step, novel_views, mesh_depth, real, renderer, fusion, building)
+}
 DOCUMENTS = [RESULTS.parent / "README.md", RESULTS.parent / "docs" / "results.md"]
 _PLACE = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->", re.DOTALL)
 
