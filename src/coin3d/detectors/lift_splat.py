@@ -130,7 +130,7 @@ class LiftSplat:
         cell = lookup(cameras, sample_index, bev_from_ego).reshape(weight.shape)
         side, samples = self.grid.side, len(bev_from_ego)
         bev = bev_pool(weight, rows, cell, samples * side * side * self.grid.slabs)
-        return bev.reshape(samples, side, side, -1).permute(0, 3, 1, 2).contiguous()
+        return bev.reshape(samples, side, side, -1).permute(0, 3, 1, 2)
 
     def cells(
         self, cameras: CameraTensors, sample_index: Int[Tensor, "m"], bev_from_ego: Float[Tensor, "b 3 3"]

@@ -46,7 +46,10 @@ class SpatialModulation(nn.Module):
             out = out * prior[:, INVERSE_FOCAL : INVERSE_FOCAL + 1]
         if self.projector is not None:
             out = out + self.projector(prior[:, list(self.priors.embedded)])
-        return torch.cat([out, prior[:, list(self.priors.channels)]], dim=1)
+        beside = prior[:, list(self.priors.channels)]
+        if features.is_contiguous(memory_format=torch.channels_last):  # or all features would be copied into another layout
+            beside = beside.contiguous(memory_format=torch.channels_last)
+        return torch.cat([out, beside], dim=1)
 
 
 def _projector(in_channels: int, channels: int, projector: Projector) -> nn.Sequential:
