@@ -104,7 +104,7 @@ def load(
         checkpoint: a shipped name (``town-direct``, ``town-coin3d``) or the path of a checkpoint that ``coin3d train`` or
             ``coin3d convert`` wrote.
         device: ``auto`` takes a GPU if there is one; or a name such as ``cpu``, ``cuda:1``.
-        precision: ``bfloat16`` is faster where the hardware has it; boxes move a little.
+        precision: ``bfloat16`` may be faster where the hardware has it; boxes move a little.
         compiled: compile the image trunk and neck with torch.compile at the first frame, which takes a while and, on a CPU,
             a C++ compiler.
 

@@ -49,7 +49,7 @@ def detect(
         min_score: draw boxes with at least this score; detections.json has all of them.
         gaussians: folder that build-scenes wrote for this recording: boxes are drawn on the point cloud as well.
         rerun: also write frames.rrd with the frames that are drawn, for the Rerun viewer.
-        precision: number format of the network; bfloat16 is faster where the hardware has it.
+        precision: number format of the network; bfloat16 may be faster where the hardware has it.
         device: auto, cpu, cuda, cuda:1 ...
     """
     from contextlib import ExitStack

@@ -50,7 +50,7 @@ def evaluate(
         min_score: draw predictions with at least this score; the metrics use all.
         source: name of the training data in result.json, by default what the checkpoint tells.
         target: name of the recording in result.json, by default its folder's.
-        precision: number format of the network; bfloat16 is faster where the hardware has it.
+        precision: number format of the network; bfloat16 may be faster where the hardware has it.
         device: auto, cpu, cuda, cuda:1 ...
     """
     from coin3d.datasets.open import open_recording

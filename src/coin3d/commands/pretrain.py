@@ -28,9 +28,9 @@ def pretrain(
 ) -> None:
     """Train the image trunk of a detector on LiDAR depth and on what each image cell shows.
 
-    Transformers learn slowly from random weights; they start better from such a trunk. Train it once per recording and share
-    it among everything that is compared. Presets tiny of all detectors have the same trunk. The folder gets what the folder
-    of coin3d train gets, and the same command again continues an interrupted run.
+    Meant for transformers, whose queries can tell little from features that mean nothing yet. Train it once per recording and
+    share it among everything that is compared. Presets tiny of all detectors have the same trunk. The folder gets what that of
+    coin3d train gets, and the same command again continues an interrupted run.
 
     Try:
       coin3d pretrain data/train --out runs/trunk

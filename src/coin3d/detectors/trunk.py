@@ -1,6 +1,6 @@
 """Pre-training of an image trunk on the recording itself: LiDAR depth and what each image cell shows.
 
-Transformers that start from random weights learn slowly: their queries cannot tell which feature to look at before features
+Meant for transformers that would start from random weights: their queries cannot tell which feature to look at before features
 mean something. This net has the trunk and two small heads and no lift, queries or attention. One trunk per recording serves
 all detectors and methods trained on it, so that the rows of a table start alike.
 """
