@@ -29,8 +29,8 @@ def pretrain(
     """Train the image trunk of a detector on LiDAR depth and on what each image cell shows.
 
     Meant for transformers, whose queries can tell little from features that mean nothing yet. Train it once per recording and
-    share it among everything that is compared. Presets tiny of all detectors have the same trunk. The folder gets what that of
-    coin3d train gets, and the same command again continues an interrupted run.
+    share it among everything that is compared. Presets tiny of all detectors have the same trunk. The output folder is laid
+    out like that of coin3d train, and the same command again continues an interrupted run.
 
     Try:
       coin3d pretrain data/train --out runs/trunk
