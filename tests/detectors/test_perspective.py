@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from coin3d.augmentation import transform_boxes
-from coin3d.detectors.perspective import PerspectiveTargets, perspective_loss, perspective_targets
+from coin3d.detectors.perspective import PerspectiveTargets, lift_perspective, perspective_loss, perspective_targets
 from coin3d.geometry import Boxes3D, Camera, GroundPlane, camera_pose
 from coin3d.geometry.camera_tensors import CameraTensors
 from small_world import CONFIG, batch, detector, ring_rig, sample
@@ -65,6 +65,21 @@ def test_mounting_does_not_matter_and_a_longer_lens_brings_things_nearer() -> No
     assert both.any()
     change = (longer.values - here.values)[0, 2][both[0]]
     torch.testing.assert_close(change, torch.full_like(change, 2 * np.log(0.5)))
+
+
+@pytest.mark.parametrize("K_", [K, np.array([[220.0, 0, 70], [0, 200, 35], [0, 0, 1]])])
+def test_lifting_the_targets_gives_the_objects(K_: np.ndarray) -> None:
+    """From wherever in the outline of a car, through any lens, mounted anyhow, its place and heading come back."""
+    pose = camera_pose((3.0, 1.0, 1.7), 0.5)
+    cameras = CameraTensors.from_cameras([Camera(K_, 160, 80, pose)], [GroundPlane()])
+    box = car(3.0 + 15 * np.cos(0.45), 1.0 + 15 * np.sin(0.45), yaw=-2.2)
+    targets = perspective_targets([box], cameras, STRIDE)
+    centre_m, heading = lift_perspective(torch.cat([targets.cover[:, None], targets.values], dim=1), cameras, STRIDE)
+    shown = targets.object[0]
+    assert shown.sum() >= 4
+    np.testing.assert_allclose(centre_m[0][:, shown].T, np.broadcast_to(box.centre_m, (int(shown.sum()), 3)), atol=1e-3)
+    yaw = torch.atan2(heading[0, 1], heading[0, 0])[shown]
+    torch.testing.assert_close(yaw, torch.full_like(yaw, -2.2), atol=1e-4, rtol=0)
 
 
 def test_loss_is_zero_only_at_the_truth() -> None:

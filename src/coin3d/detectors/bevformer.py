@@ -18,6 +18,7 @@ from coin3d.detectors.bevformer_encoder import BevFormerEncoder, LearnedPosition
 from coin3d.detectors.deformable_attention import SamplingPlan
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
+from coin3d.detectors.object_seeds import ObjectSeeds
 from coin3d.detectors.perspective import PerspectiveHead
 from coin3d.detectors.pillar_projection import cell_centres, image_from_bev, pillar_anchors, project_pillars
 from coin3d.detectors.query_decoder import BevQueryDecoder
@@ -73,6 +74,7 @@ class BEVFormer(QueryDetector):
         self.released = ReleasedParts(config.released, config.grid, config.channels) if config.released else None
         self._seen: RigMemory[VisibleQueries] = RigMemory()
         self.perspective = PerspectiveHead(modulated_channels, config.channels) if config.perspective_weight else None
+        self.seeds = ObjectSeeds(config.seeds, modulated_channels, config.channels) if config.seeds else None
         _initialise(self.encoder)
         _initialise(self.decoder)
 
@@ -116,10 +118,11 @@ class BEVFormer(QueryDetector):
             )
         centres, visible = cell_centres(self.config.grid, features.device), self._visible(batch, bev_from_ego)
         bev = self.encoder(queries, self.bev_position(), centres, features, visible, history)
-        class_logits, boxes = self.decoder(bev, self.config.box_space)
+        shown, seeds = self.what_cells_show(neck_feature, batch)
+        class_logits, boxes = self.decoder(bev, self.config.box_space, seeds)
         outputs = {"class_logits": class_logits, "boxes": boxes, "bev": bev}
-        if self.perspective is not None and self.training:
-            outputs["perspective"] = self.perspective(neck_feature)
+        if self.training and shown is not None:
+            outputs["perspective"] = shown
         return outputs
 
     @torch.no_grad()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from coin3d.detectors.lift_splat import BevGrid
+from coin3d.detectors.object_seeds import check_seeds
 from coin3d.detectors.query_boxes import QueryDecodeOptions
 from coin3d.detectors.query_losses import QueryLossWeights
 from coin3d.detectors.released_bevformer import ReleasedBevFormer
@@ -31,7 +32,8 @@ class BEVFormerConfig:
         temporal_points: looks per head into the previous and the present bird's-eye view.
         spatial_points: looks per head into an image, shared out over the anchors.
         decoder_layers: layers of object queries.
-        queries: object queries.
+        queries: learned object queries.
+        seeds: further object queries that start from what the image cells show (see object_seeds); 0, as released, for none.
         decoder_points: looks per head of an object query.
         hidden: width inside the feed-forward networks.
         dropout: in all transformer layers.
@@ -57,6 +59,7 @@ class BEVFormerConfig:
     spatial_points: int = 8
     decoder_layers: int = 6
     queries: int = 900
+    seeds: int = 0
     decoder_points: int = 4
     hidden: int = 512
     dropout: float = 0.1
@@ -75,6 +78,7 @@ class BEVFormerConfig:
             raise ValueError(f"{self.channels} channels do not share out over {self.heads} heads and two axes")
         if not self.anchor_heights_m or self.spatial_points % len(self.anchor_heights_m):
             raise ValueError(f"{self.spatial_points} points do not share out over {len(self.anchor_heights_m)} anchor heights")
+        check_seeds(self.seeds, self.perspective_weight, self.released is not None)
 
     @property
     def box_space(self) -> SpaceRange:
@@ -115,7 +119,8 @@ class BEVFormerConfig:
             grid=BevGrid(51.2, 2.56, (-3.0, 5.0)),
             encoder_layers=2,
             decoder_layers=3,
-            queries=150,
+            queries=100,
+            seeds=80,
             hidden=192,
             dropout=0.0,
             perspective_weight=1.0,

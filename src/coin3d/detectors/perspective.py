@@ -1,4 +1,4 @@
-"""Auxiliary supervision of the image trunk: which image cells show an object, and how it lies there (training only).
+"""Auxiliary supervision of the image trunk: which image cells show an object, and how it lies there.
 
 A trunk that starts from random weights gets little to go on through the lift: its features reach the boxes only after depth is
 right. Telling each image cell directly what it shows is the perspective supervision of BEVFormer v2, reduced to one small head.
@@ -28,6 +28,7 @@ _NEAREST_M = 0.5
 _REFERENCE_M = 25.0
 """Apparent distances (depth x image width / focal length) are relative to this: about 18 m through a lens of 70 degrees."""
 _COVER_WEIGHT = 15.0
+_LARGEST_LOG = 3.0  # half a kilometre through the reference lens: what is read off an untrained head stays finite
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,38 @@ def perspective_loss(predicted: Float[Tensor, "m 6 h w"], targets: PerspectiveTa
     cover = F.binary_cross_entropy_with_logits(predicted[:, 0], targets.cover)
     error = (predicted[:, 1:] - targets.values).abs().sum(1) * targets.object
     return _COVER_WEIGHT * cover + error.sum() / targets.object.sum().clamp(min=1)
+
+
+def lift_perspective(
+    values: Float[Tensor, "m 6 h w"], cameras: CameraTensors, stride: int
+) -> tuple[Float[Tensor, "m 3 h w"], Float[Tensor, "m 2 h w"]]:
+    """Where the objects are that a ``PerspectiveHead`` sees: the targets read backwards.
+
+    Args:
+        values: cover logits and the values, of M cameras.
+        cameras: the cameras of the network images.
+        stride: pixels per cell.
+
+    Returns:
+        Centres in the ego frame in metres, and cosine and sine of the yaw in the ego frame (of no particular length).
+    """
+    h, w = values.shape[-2:]
+    rows, columns = (torch.arange(n, device=values.device, dtype=values.dtype) + 0.5 for n in (h, w))
+    cell_px = stride * torch.stack(torch.meshgrid(columns, rows, indexing="xy"))
+    centre_px = cell_px + 2 * stride * values[:, 1:3]
+    focal_px = torch.linalg.det(cameras.K[:, :2, :2]).abs().sqrt()
+    apparent_m = _REFERENCE_M * (values[:, 3] / 2).clamp(-_LARGEST_LOG, _LARGEST_LOG).exp()
+    depth_m = apparent_m * (focal_px / cameras.width_px)[:, None, None]
+    ego_from_image = cameras.ego_from_cam[:, :3, :3] @ torch.linalg.inv(cameras.K)
+
+    def ray(pixel: Float[Tensor, "... 2 h w"]) -> Float[Tensor, "m 3 h w"]:
+        homogeneous = torch.cat([pixel, torch.ones_like(pixel[..., :1, :, :])], dim=-3).expand(len(values), 3, h, w)
+        return torch.einsum("mij,mjhw->mihw", ego_from_image, homogeneous)
+
+    centre_m = ray(centre_px) * depth_m[:, None] + cameras.ego_from_cam[:, :3, 3, None, None]
+    x, y = F.normalize(ray(cell_px)[:, :2], dim=1).unbind(1)
+    sine, cosine = values[:, 4], values[:, 5]
+    return centre_m, torch.stack([cosine * x - sine * y, cosine * y + sine * x], dim=1)
 
 
 def perspective_batch_targets(batch: Batch, stride: int) -> PerspectiveTargets:

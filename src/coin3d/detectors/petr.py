@@ -17,6 +17,7 @@ from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
+from coin3d.detectors.object_seeds import ObjectSeeds, check_seeds
 from coin3d.detectors.perspective import PerspectiveHead
 from coin3d.detectors.petr_decoder import QueryDecoder, gather_samples, sample_padding
 from coin3d.detectors.position_embedding_3d import CameraSineEmbedding, PositionEmbedding3D, RayPoints, sine_code
@@ -48,7 +49,8 @@ class PETRConfig:
         strides: image feature levels, finest first; queries look at the finest.
         neck_channels: channels after the neck.
         channels: of queries and image cells in the decoder.
-        queries: their number.
+        queries: learned object queries.
+        seeds: further object queries that start from what the image cells show (see object_seeds); 0, as released, for none.
         layers: of the decoder.
         heads: of each attention.
         hidden: width of the feed-forward part of a layer.
@@ -71,6 +73,7 @@ class PETRConfig:
     neck_channels: int = 256
     channels: int = 256
     queries: int = 900
+    seeds: int = 0
     layers: int = 6
     heads: int = 8
     hidden: int = 2048
@@ -96,6 +99,7 @@ class PETRConfig:
             raise ValueError(f"{self.channels} channels cannot be shared by {self.heads} attention heads")
         if self.backbone == V2_99 and (self.pretrained or self.backbone_blocks):
             raise ValueError(f"{V2_99} has neither ImageNet weights to download nor other numbers of blocks")
+        check_seeds(self.seeds, self.perspective_weight, self.released is not None)
 
     @classmethod
     def paper(cls) -> PETRConfig:
@@ -124,7 +128,8 @@ class PETRConfig:
             strides=(16,),
             neck_channels=96,
             channels=96,
-            queries=200,
+            queries=100,
+            seeds=80,
             layers=3,
             heads=4,
             hidden=256,
@@ -189,6 +194,7 @@ class PETR(QueryDetector):
             nn.Linear(width, CODE_SIZE),
         )
         self.perspective = PerspectiveHead(modulated_channels, config.neck_channels) if config.perspective_weight else None
+        self.seeds = ObjectSeeds(config.seeds, modulated_channels, width) if config.seeds else None
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:
         """``class_logits`` (L, B, Q, classes) and ``boxes`` (L, B, Q, 10, see query_boxes) after each decoder layer.
@@ -202,16 +208,21 @@ class PETR(QueryDetector):
             gather_samples(x, batch.sample_index, batch.num_samples) for x in (self.input_proj(feature), position)
         )
         padding = sample_padding(batch.sample_index, batch.num_samples, h * w)
-        query_position = self._query_position()[None].expand(batch.num_samples, -1, -1)
-        decoded = self.decoder(query_position, memory, memory_position, padding)
+        shown, seeds = self.what_cells_show(feature, batch)
+        place = self.reference_points.expand(batch.num_samples, -1, -1)
+        query_position = self._query_position().expand(batch.num_samples, -1, -1)
+        query = torch.zeros_like(query_position)
+        if seeds is not None:
+            place = torch.cat([place, seeds.place], dim=1)
+            query_position = torch.cat([query_position, seeds.position], dim=1)
+            query = torch.cat([query, seeds.content], dim=1)
+        decoded = self.decoder(query, query_position, memory, memory_position, padding)
         with torch.autocast(decoded.device.type, enabled=False):  # half precision would put boxes on a grid of decimetres
             decoded = decoded.float()
-            boxes = place_boxes(
-                self.box_branch(decoded), self.reference_points.expand(*decoded.shape[:3], 3), self.config.box_space
-            )
+            boxes = place_boxes(self.box_branch(decoded), place.expand(len(decoded), -1, -1, -1), self.config.box_space)
             outputs: dict[str, Tensor] = {"class_logits": self.class_branch(decoded), "boxes": boxes}
-        if self.perspective is not None and self.training:
-            outputs["perspective"] = self.perspective(feature)
+        if self.training and shown is not None:
+            outputs["perspective"] = shown
         return outputs
 
     def _position(self, batch: Batch) -> Float[Tensor, "m c h w"]:

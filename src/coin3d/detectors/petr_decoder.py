@@ -28,13 +28,14 @@ class QueryDecoder(nn.Module):
 
     def forward(
         self,
+        query: Float[Tensor, "b q c"],
         query_position: Float[Tensor, "b q c"],
         memory: Float[Tensor, "b s c"],
         memory_position: Float[Tensor, "b s c"],
         padding: Bool[Tensor, "b s"] | None,
     ) -> Float[Tensor, "l b q c"]:
-        """The queries after each layer, starting from nothing but their position."""
-        query, outputs = torch.zeros_like(query_position), []
+        """The queries after each layer."""
+        outputs = []
         key = memory + memory_position
         for layer in self.layers:
             query = layer(query, query_position, key, memory, padding)

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from coin3d.detectors.bevformer_encoder import feed_forward
 from coin3d.detectors.deformable_attention import SamplingPlan, sample_values
+from coin3d.detectors.object_seeds import Seeds
 from coin3d.detectors.query_boxes import CODE_SIZE, place_boxes
 from coin3d.detectors.space_range import SpaceRange, inverse_sigmoid
 
@@ -90,16 +91,21 @@ class BevQueryDecoder(nn.Module):
         self.box_branches = nn.ModuleList(_box_branch(channels) for _ in range(layers))
 
     def forward(
-        self, bev: Float[Tensor, "b q c"], space: SpaceRange
+        self, bev: Float[Tensor, "b q c"], space: SpaceRange, seeds: Seeds | None = None
     ) -> tuple[Float[Tensor, "l b n k"], Float[Tensor, "l b n 10"]]:
         """Class logits and boxes (see query_boxes) after every layer.
 
         Args:
             bev: features of a square grid, row by row.
             space: range of space of that grid, in which the boxes lie.
+            seeds: further queries.
         """
         position, query = self.queries.expand(len(bev), -1, -1).chunk(2, dim=-1)
         reference = self.start(position).float().sigmoid()
+        if seeds is not None:
+            position = torch.cat([position, seeds.position], dim=1)
+            query = torch.cat([query, seeds.content], dim=1)
+            reference = torch.cat([reference, seeds.place], dim=1)
         logits, boxes = [], []
         for layer, classify, refine in zip(self.layers, self.class_branches, self.box_branches, strict=True):
             query = layer(query, position, bev, reference[..., :2])

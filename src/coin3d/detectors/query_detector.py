@@ -11,7 +11,8 @@ from torch import Tensor
 
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.detector import Detector, DetectorConfig
-from coin3d.detectors.perspective import perspective_batch_targets, perspective_loss
+from coin3d.detectors.object_seeds import ObjectSeeds, Seeds
+from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
 from coin3d.detectors.query_boxes import QueryDecodeOptions, decode_queries
 from coin3d.detectors.query_losses import QueryLossWeights, query_losses, query_targets
 from coin3d.detectors.released_lidar import ReleasedLidar
@@ -65,6 +66,17 @@ class QueryDetector(Detector):
     """
 
     config: QueryDetectorConfig
+    perspective: PerspectiveHead | None
+    seeds: ObjectSeeds | None
+
+    def what_cells_show(self, feature: Float[Tensor, "m c h w"], batch: Batch) -> tuple[Tensor | None, Seeds | None]:
+        """Output of the perspective head where it is supervised, and seeds of object queries where the detector has them."""
+        if self.perspective is None or not (self.training or self.seeds):
+            return None, None
+        shown = self.perspective(feature)
+        if self.seeds is None:
+            return shown, None
+        return shown, self.seeds(shown, feature, batch, self.config.strides[0], self.config.box_space)
 
     @abstractmethod
     def forward(self, batch: Batch) -> dict[str, Tensor]:
