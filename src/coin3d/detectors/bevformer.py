@@ -77,6 +77,7 @@ class BEVFormer(QueryDetector):
         self.seeds = ObjectSeeds(config.seeds, modulated_channels, config.channels) if config.seeds else None
         _initialise(self.encoder)
         _initialise(self.decoder)
+        self.decoder.start_near_references()
 
     def forward(
         self,

@@ -124,6 +124,7 @@ class BEVFormerConfig:
             hidden=192,
             dropout=0.0,
             perspective_weight=1.0,
+            weights=QueryLossWeights(heading=8.0),
             decode=QueryDecodeOptions(max_boxes=100, min_score=0.02),
         )
 

@@ -30,11 +30,13 @@ class Seeds:
 
     Args:
         place: (B, P, 3) 0..1 in the range of the boxes.
+        heading: (B, P, 2) sine and cosine of the yaw in the frame of the boxes.
         position: (B, P, C) embedding of the place.
         content: (B, P, C) what the query starts from.
     """
 
     place: Float[Tensor, "b p 3"]
+    heading: Float[Tensor, "b p 2"]
     position: Float[Tensor, "b p c"]
     content: Float[Tensor, "b p c"]
 
@@ -82,6 +84,7 @@ class ObjectSeeds(nn.Module):
         seen = feature.permute(0, 2, 3, 1).flatten(0, 2)[cells]
         return Seeds(
             picked,
+            lies[..., (1, 0)],
             self.position(torch.cat([sine_code(y), sine_code(x), sine_code(z)], dim=-1)),
             self.norm(self.seen(seen) + self.lies(lies)),
         )

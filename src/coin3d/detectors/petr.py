@@ -21,7 +21,7 @@ from coin3d.detectors.object_seeds import ObjectSeeds, check_seeds
 from coin3d.detectors.perspective import PerspectiveHead
 from coin3d.detectors.petr_decoder import QueryDecoder, gather_samples, sample_padding
 from coin3d.detectors.position_embedding_3d import CameraSineEmbedding, PositionEmbedding3D, RayPoints, sine_code
-from coin3d.detectors.query_boxes import CODE_SIZE, QueryDecodeOptions, place_boxes
+from coin3d.detectors.query_boxes import CODE_SIZE, START_OF_SHIFTS, QueryDecodeOptions, place_boxes
 from coin3d.detectors.query_conventions import ReleasedQueryConventions
 from coin3d.detectors.query_detector import QueryDetector
 from coin3d.detectors.query_losses import QueryLossWeights
@@ -125,7 +125,7 @@ class PETRConfig:
             image_height_px=128,
             backbone="resnet18",
             backbone_blocks=(1, 1, 1, 1),
-            strides=(16,),
+            strides=(8, 16),
             neck_channels=96,
             channels=96,
             queries=100,
@@ -136,6 +136,7 @@ class PETRConfig:
             dropout=0.0,
             rays=RayPoints(count=24),
             perspective_weight=1.0,
+            weights=QueryLossWeights(heading=8.0),
             decode=QueryDecodeOptions(max_boxes=100, min_score=0.02),
         )
 
@@ -191,8 +192,10 @@ class PETR(QueryDetector):
             nn.ReLU(inplace=True),
             nn.Linear(width, width),
             nn.ReLU(inplace=True),
-            nn.Linear(width, CODE_SIZE),
+            start := nn.Linear(width, CODE_SIZE),
         )
+        with torch.no_grad():
+            start.weight *= START_OF_SHIFTS
         self.perspective = PerspectiveHead(modulated_channels, config.neck_channels) if config.perspective_weight else None
         self.seeds = ObjectSeeds(config.seeds, modulated_channels, width) if config.seeds else None
 
@@ -211,15 +214,21 @@ class PETR(QueryDetector):
         shown, seeds = self.what_cells_show(feature, batch)
         place = self.reference_points.expand(batch.num_samples, -1, -1)
         query_position = self._query_position().expand(batch.num_samples, -1, -1)
-        query = torch.zeros_like(query_position)
+        query, heading = torch.zeros_like(query_position), torch.zeros_like(place[..., :2])
         if seeds is not None:
             place = torch.cat([place, seeds.place], dim=1)
             query_position = torch.cat([query_position, seeds.position], dim=1)
             query = torch.cat([query, seeds.content], dim=1)
+            heading = torch.cat([heading, seeds.heading], dim=1)
         decoded = self.decoder(query, query_position, memory, memory_position, padding)
         with torch.autocast(decoded.device.type, enabled=False):  # half precision would put boxes on a grid of decimetres
             decoded = decoded.float()
-            boxes = place_boxes(self.box_branch(decoded), place.expand(len(decoded), -1, -1, -1), self.config.box_space)
+            boxes = place_boxes(
+                self.box_branch(decoded),
+                place.expand(len(decoded), -1, -1, -1),
+                self.config.box_space,
+                heading.expand(len(decoded), -1, -1, -1),
+            )
             outputs: dict[str, Tensor] = {"class_logits": self.class_branch(decoded), "boxes": boxes}
         if self.training and shown is not None:
             outputs["perspective"] = shown

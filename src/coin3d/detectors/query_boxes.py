@@ -18,6 +18,9 @@ from coin3d.detectors.space_range import SpaceRange, inverse_sigmoid
 from coin3d.geometry import Boxes3D
 
 CODE_SIZE = 10
+START_OF_SHIFTS = 0.1
+"""Share of the usual start of the layer that shifts boxes: queries begin near their reference points."""
+HEADING = slice(6, 8)
 VELOCITY = slice(8, 10)
 _PLACE = (0, 1, 4)
 _LARGEST_LOG_SIZE = 5.0
@@ -46,16 +49,25 @@ def encode_boxes(boxes: Boxes3D) -> Float[Tensor, "n 10"]:
     return torch.from_numpy(np.concatenate([*columns, boxes.velocity_mps], axis=1)).float()
 
 
-def place_boxes(raw: Float[Tensor, "... 10"], reference: Float[Tensor, "... 3"], space: SpaceRange) -> Float[Tensor, "... 10"]:
+def place_boxes(
+    raw: Float[Tensor, "... 10"],
+    reference: Float[Tensor, "... 3"],
+    space: SpaceRange,
+    heading: Float[Tensor, "... 2"] | None = None,
+) -> Float[Tensor, "... 10"]:
     """Codes from what a regression branch gives: its x, y, z are shifts, in logits, of a reference point within the range.
 
     Args:
         raw: output of the branch.
         reference: reference points, 0..1.
         space: range of space the boxes may lie in.
+        heading: sine and cosine of the yaw to start from, where one is known; zeros where not.
     """
     x, y, z = space.metres((raw[..., _PLACE] + inverse_sigmoid(reference)).sigmoid()).unbind(-1)
-    return torch.cat([torch.stack([x, y], dim=-1), raw[..., 2:4], z[..., None], raw[..., 5:]], dim=-1)
+    turned = raw[..., HEADING] if heading is None else raw[..., HEADING] + heading
+    return torch.cat(
+        [torch.stack([x, y], dim=-1), raw[..., 2:4], z[..., None], raw[..., 5:6], turned, raw[..., VELOCITY]], dim=-1
+    )
 
 
 def decode_queries(

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from coin3d.detectors.bevformer_encoder import feed_forward
 from coin3d.detectors.deformable_attention import SamplingPlan, sample_values
 from coin3d.detectors.object_seeds import Seeds
-from coin3d.detectors.query_boxes import CODE_SIZE, place_boxes
+from coin3d.detectors.query_boxes import CODE_SIZE, START_OF_SHIFTS, place_boxes
 from coin3d.detectors.space_range import SpaceRange, inverse_sigmoid
 
 _PRIOR_SCORE = 0.01
@@ -90,6 +90,12 @@ class BevQueryDecoder(nn.Module):
         self.class_branches = nn.ModuleList(_class_branch(channels, classes) for _ in range(layers))
         self.box_branches = nn.ModuleList(_box_branch(channels) for _ in range(layers))
 
+    @torch.no_grad()
+    def start_near_references(self) -> None:
+        """Make the first shifts of boxes small."""
+        for branch in self.box_branches:
+            branch.get_submodule("4").get_parameter("weight").mul_(START_OF_SHIFTS)
+
     def forward(
         self, bev: Float[Tensor, "b q c"], space: SpaceRange, seeds: Seeds | None = None
     ) -> tuple[Float[Tensor, "l b n k"], Float[Tensor, "l b n 10"]]:
@@ -102,17 +108,19 @@ class BevQueryDecoder(nn.Module):
         """
         position, query = self.queries.expand(len(bev), -1, -1).chunk(2, dim=-1)
         reference = self.start(position).float().sigmoid()
+        heading = torch.zeros_like(reference[..., :2])
         if seeds is not None:
             position = torch.cat([position, seeds.position], dim=1)
             query = torch.cat([query, seeds.content], dim=1)
             reference = torch.cat([reference, seeds.place], dim=1)
+            heading = torch.cat([heading, seeds.heading], dim=1)
         logits, boxes = [], []
         for layer, classify, refine in zip(self.layers, self.class_branches, self.box_branches, strict=True):
             query = layer(query, position, bev, reference[..., :2])
             with torch.autocast(bev.device.type, enabled=False):  # half precision would put boxes on a grid of decimetres
                 logits.append(classify(query.float()))
                 raw = refine(query.float())
-                boxes.append(place_boxes(raw, reference, space))
+                boxes.append(place_boxes(raw, reference, space, heading))
                 # each layer learns its own correction: no gradient through the chain of places
                 reference = (raw[..., _PLACE] + inverse_sigmoid(reference)).sigmoid().detach()
         return torch.stack(logits), torch.stack(boxes)
