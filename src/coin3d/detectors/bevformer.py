@@ -16,7 +16,6 @@ from coin3d.detectors.bev_history import BevHistory, align_history
 from coin3d.detectors.bevformer_config import BEVFormerConfig
 from coin3d.detectors.bevformer_encoder import BevFormerEncoder, LearnedPosition
 from coin3d.detectors.deformable_attention import SamplingPlan
-from coin3d.detectors.depth_head import DepthHead, depth_agreement
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
 from coin3d.detectors.object_seeds import ObjectSeeds
@@ -61,9 +60,7 @@ class BEVFormer(QueryDetector):
             config.spatial_points,
             config.hidden,
             config.dropout,
-            at_anchors=config.depth_bins is not None,
         )
-        self.depth = DepthHead(modulated_channels, config.channels, config.depth_bins) if config.depth_bins else None
         self.decoder = BevQueryDecoder(
             config.decoder_layers,
             config.queries,
@@ -121,26 +118,13 @@ class BEVFormer(QueryDetector):
                 self.bev_queries, previous_bev, previous_from_current, bus, batch.num_samples
             )
         centres, visible = cell_centres(self.config.grid, features.device), self._visible(batch, bev_from_ego)
-        depth_logits, agreement = self._depth(neck_feature, visible)
-        bev = self.encoder(queries, self.bev_position(), centres, features, visible, history, agreement)
+        bev = self.encoder(queries, self.bev_position(), centres, features, visible, history)
         shown, seeds = self.what_cells_show(neck_feature, batch)
         class_logits, boxes = self.decoder(bev, self.config.box_space, seeds)
         outputs = {"class_logits": class_logits, "boxes": boxes, "bev": bev}
         if self.training and shown is not None:
             outputs["perspective"] = shown
-        if self.training and depth_logits is not None:
-            outputs["depth_logits"] = depth_logits
         return outputs
-
-    def _depth(
-        self, feature: Float[Tensor, "m c h w"], visible: VisibleQueries
-    ) -> tuple[Float[Tensor, "m d h w"] | None, Float[Tensor, "m s a"] | None]:
-        if self.depth is None or self.config.depth_bins is None:
-            return None, None
-        logits = self.depth(feature)
-        with torch.autocast(feature.device.type, enabled=False):
-            agreement = depth_agreement(logits.softmax(1), visible.references, visible.depth_m, self.config.depth_bins)
-        return logits, agreement
 
     @torch.no_grad()
     def _bev_of_before(self, before: Batch) -> Float[Tensor, "b q c"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from coin3d.detectors.lift_splat import BevGrid, DepthBins
+from coin3d.detectors.lift_splat import BevGrid
 from coin3d.detectors.object_seeds import check_seeds
 from coin3d.detectors.query_boxes import QueryDecodeOptions
 from coin3d.detectors.query_losses import QueryLossWeights
@@ -37,8 +37,6 @@ class BEVFormerConfig:
         decoder_points: looks per head of an object query.
         hidden: width inside the feed-forward networks.
         dropout: in all transformer layers.
-        depth_bins: of a depth head that LiDAR teaches and that weights what a pillar sees (see depth_head); None, as released,
-            for no such head.
         perspective_weight: of the auxiliary loss on the image feature; 0 (as released) builds no head for it.
         weights: of the losses.
         decode: how boxes are read off.
@@ -65,7 +63,6 @@ class BEVFormerConfig:
     decoder_points: int = 4
     hidden: int = 512
     dropout: float = 0.1
-    depth_bins: DepthBins | None = None
     perspective_weight: float = 0.0
     weights: QueryLossWeights = field(default_factory=QueryLossWeights)
     decode: QueryDecodeOptions = field(default_factory=QueryDecodeOptions)
@@ -118,11 +115,8 @@ class BEVFormerConfig:
             backbone_blocks=(1, 1, 1, 1),
             strides=(8, 16),
             channels=96,
-            heads=8,
+            heads=6,
             grid=BevGrid(51.2, 2.56, (-3.0, 5.0)),
-            anchor_heights_m=(0.1, 0.7, 1.3, 1.9),
-            spatial_points=4,
-            depth_bins=DepthBins(1.0, 61.0, 2.0),
             encoder_layers=2,
             decoder_layers=3,
             queries=100,

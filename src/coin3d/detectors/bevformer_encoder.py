@@ -46,18 +46,11 @@ class EncoderLayer(nn.Module):
     """Temporal attention, spatial attention and a feed-forward network, each followed by its norm."""
 
     def __init__(
-        self,
-        channels: int,
-        heads: int,
-        temporal_points: int,
-        spatial_points: int,
-        hidden: int,
-        dropout: float,
-        at_anchors: bool = False,
+        self, channels: int, heads: int, temporal_points: int, spatial_points: int, hidden: int, dropout: float
     ) -> None:
         super().__init__()
         self.temporal = TemporalSelfAttention(channels, heads, temporal_points, dropout)
-        self.spatial = SpatialCrossAttention(channels, heads, spatial_points, dropout, at_anchors)
+        self.spatial = SpatialCrossAttention(channels, heads, spatial_points, dropout)
         self.ffn = feed_forward(channels, hidden, dropout)
         self.norms = nn.ModuleList(nn.LayerNorm(channels) for _ in range(3))
 
@@ -69,11 +62,10 @@ class EncoderLayer(nn.Module):
         references: tuple[Float[Tensor, "b q 2"], Float[Tensor, "b q 2"]],
         features: Float[Tensor, "m c h w"],
         visible: VisibleQueries,
-        agreement: Float[Tensor, "m s d"] | None,
         side: int,
     ) -> Float[Tensor, "b q c"]:
         query = self.norms[0](self.temporal(query, position, maps, references, (side, side)))
-        query = self.norms[1](self.spatial(query, features, visible, agreement))
+        query = self.norms[1](self.spatial(query, features, visible))
         out: Tensor = self.norms[2](query + self.ffn(query))
         return out
 
@@ -89,23 +81,14 @@ class BevFormerEncoder(nn.Module):
         spatial_points: looks per head into each camera.
         hidden: width inside the feed-forward networks.
         dropout: in all of them.
-        at_anchors: how the looks into the cameras start (see ``SamplingPlan``).
     """
 
     def __init__(
-        self,
-        layers: int,
-        channels: int,
-        heads: int,
-        temporal_points: int,
-        spatial_points: int,
-        hidden: int,
-        dropout: float,
-        at_anchors: bool = False,
+        self, layers: int, channels: int, heads: int, temporal_points: int, spatial_points: int, hidden: int, dropout: float
     ) -> None:
         super().__init__()
         self.layers = nn.ModuleList(
-            EncoderLayer(channels, heads, temporal_points, spatial_points, hidden, dropout, at_anchors) for _ in range(layers)
+            EncoderLayer(channels, heads, temporal_points, spatial_points, hidden, dropout) for _ in range(layers)
         )
 
     def forward(
@@ -116,7 +99,6 @@ class BevFormerEncoder(nn.Module):
         features: Float[Tensor, "m c h w"],
         visible: VisibleQueries,
         history: BevHistory | None = None,
-        agreement: Float[Tensor, "m s d"] | None = None,
     ) -> Float[Tensor, "b q c"]:
         """Bird's-eye-view features, row by row.
 
@@ -127,7 +109,6 @@ class BevFormerEncoder(nn.Module):
             features: image features of the cameras.
             visible: which camera sees which query.
             history: the previous bird's-eye view; without it the queries look at themselves twice.
-            agreement: factors on what is seen at each anchor (see depth_head).
         """
         side = round(len(position) ** 0.5)
         present = centres.expand(len(query), -1, -1)
@@ -135,5 +116,5 @@ class BevFormerEncoder(nn.Module):
         first = query
         for layer in self.layers:
             maps = (query, query) if history is None else (history.bev, query if history.refresh else first)
-            query = layer(query, position, maps, references, features, visible, agreement, side)
+            query = layer(query, position, maps, references, features, visible, side)
         return query

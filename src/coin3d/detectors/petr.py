@@ -87,10 +87,6 @@ class PETRConfig:
     released: ReleasedQueryConventions | None = None
 
     @property
-    def depth_bins(self) -> None:
-        """It has no depth head."""
-
-    @property
     def frames(self) -> int:
         """It looks at one frame."""
         return 1

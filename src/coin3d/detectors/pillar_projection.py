@@ -21,12 +21,10 @@ class PillarViews:
     Args:
         references: (M, Q, D, 2) as (x, y), 0 and 1 being the edges of the image; far outside for anchors behind the camera.
         visible: (M, Q, D) whether the anchor falls into the image.
-        depth_m: (M, Q, D) along the optical axis.
     """
 
     references: Float[Tensor, "m q d 2"]
     visible: Bool[Tensor, "m q d"]
-    depth_m: Float[Tensor, "m q d"]
 
 
 def cell_centres(grid: BevGrid, device: torch.device | str = "cpu") -> Float[Tensor, "q 2"]:
@@ -73,4 +71,4 @@ def project_pillars(
         size = torch.tensor([size_px[1], size_px[0]], device=anchors.device, dtype=anchors.dtype)
         references = pixels[..., :2] / depth_m.clamp(min=_MIN_DEPTH_M) / size
     inside = ((references > 0) & (references < 1)).all(-1)
-    return PillarViews(references, inside & (depth_m[..., 0] > _MIN_DEPTH_M), depth_m[..., 0])
+    return PillarViews(references, inside & (depth_m[..., 0] > _MIN_DEPTH_M))

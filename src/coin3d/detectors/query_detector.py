@@ -10,9 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from coin3d.detectors.batch import Batch
-from coin3d.detectors.depth_loss import depth_loss
 from coin3d.detectors.detector import Detector, DetectorConfig
-from coin3d.detectors.lift_splat import DepthBins
 from coin3d.detectors.object_seeds import ObjectSeeds, Seeds
 from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
 from coin3d.detectors.query_boxes import QueryDecodeOptions, decode_queries
@@ -46,10 +44,6 @@ class QueryDetectorConfig(DetectorConfig, Protocol):
     @property
     def perspective_weight(self) -> float:
         """Of the auxiliary loss on the image feature."""
-
-    @property
-    def depth_bins(self) -> DepthBins | None:
-        """Of a depth head that LiDAR teaches, where there is one."""
 
     @property
     def weights(self) -> QueryLossWeights:
@@ -101,10 +95,6 @@ class QueryDetector(Detector):
             if "perspective" in outputs:
                 cells = perspective_batch_targets(batch, config.strides[0])
                 losses["perspective"] = config.perspective_weight * perspective_loss(outputs["perspective"], cells)
-            if "depth_logits" in outputs and config.depth_bins is not None:
-                if batch.depth_m is None:
-                    raise ValueError("training needs LiDAR depth: this batch has none (was the recording made without LiDAR?)")
-                losses["depth"] = depth_loss(outputs["depth_logits"], batch.depth_m, config.depth_bins, config.strides[0])
         return losses
 
     @torch.no_grad()

@@ -22,14 +22,12 @@ class VisibleQueries:
         slot: (M, S) query ``sample * Q + q`` in each slot, 0 where the slot is empty.
         used: (M, S) whether the slot is.
         references: (M, S, D, 2) anchors of the queries in the image.
-        depth_m: (M, S, D) how far away they are.
         cameras_per_query: (B, Q, 1) cameras that see any anchor of a query, at least 1.
     """
 
     slot: Int[Tensor, "m s"]
     used: Bool[Tensor, "m s"]
     references: Float[Tensor, "m s d 2"]
-    depth_m: Float[Tensor, "m s d"]
     cameras_per_query: Float[Tensor, "b q 1"]
 
     @classmethod
@@ -42,10 +40,9 @@ class VisibleQueries:
         row = torch.argsort(seen.to(torch.uint8), dim=1, descending=True, stable=True)[:, :longest]
         used = torch.gather(seen, 1, row)
         references = torch.gather(views.references, 1, row[..., None, None].expand(-1, -1, *views.references.shape[2:]))
-        depth_m = torch.gather(views.depth_m, 1, row[..., None].expand(-1, -1, views.depth_m.shape[2]))
         count = torch.zeros(samples, queries, device=seen.device).index_add_(0, sample_index, seen.float())
         slot = torch.where(used, sample_index[:, None] * queries + row, 0)
-        return cls(slot, used, references, depth_m, count.clamp(min=1)[..., None])
+        return cls(slot, used, references, count.clamp(min=1)[..., None])
 
 
 class SpatialCrossAttention(nn.Module):
@@ -56,38 +53,23 @@ class SpatialCrossAttention(nn.Module):
         heads: attention heads.
         points: looks per head, shared out over the anchors of the pillar in turn.
         dropout: on the output.
-        at_anchors: start with looks close to the anchors, each head at one of them (see ``SamplingPlan``).
     """
 
-    def __init__(self, channels: int, heads: int, points: int, dropout: float, at_anchors: bool = False) -> None:
+    def __init__(self, channels: int, heads: int, points: int, dropout: float) -> None:
         super().__init__()
-        self.plan = SamplingPlan(channels, heads, maps=1, points=points, at_anchors=at_anchors)
+        self.plan = SamplingPlan(channels, heads, maps=1, points=points)
         self.value = nn.Linear(channels, channels)
         self.output = nn.Linear(channels, channels)
         self.dropout = nn.Dropout(dropout)
 
     def forward(
-        self,
-        query: Float[Tensor, "b q c"],
-        features: Float[Tensor, "m c h w"],
-        visible: VisibleQueries,
-        agreement: Float[Tensor, "m s d"] | None = None,
+        self, query: Float[Tensor, "b q c"], features: Float[Tensor, "m c h w"], visible: VisibleQueries
     ) -> Float[Tensor, "b q c"]:
-        """The queries with what they saw added; those no camera sees get the output's bias only.
-
-        Args:
-            query: Q queries of B samples.
-            features: of the M cameras.
-            visible: which camera sees which query.
-            agreement: factors on the weights of the looks around each anchor.
-        """
+        """The queries with what they saw added; those no camera sees get the output's bias only."""
         offsets, weights = (x.flatten(0, 1)[visible.slot] for x in self.plan(query))  # (M, S, heads, 1, points[, 2])
         cells = torch.tensor([features.shape[-1], features.shape[-2]], device=query.device, dtype=offsets.dtype)
         anchors = visible.references.shape[2]
-        looks = self.plan.points // anchors
-        centre = visible.references.repeat(1, 1, looks, 1)[:, :, None, None]
-        if agreement is not None:
-            weights = weights * agreement.repeat(1, 1, looks)[:, :, None, None]
+        centre = visible.references.repeat(1, 1, self.plan.points // anchors, 1)[:, :, None, None]
         value = self.value(features.flatten(2).transpose(1, 2)).transpose(1, 2).reshape(features.shape)
         seen = sample_values([value], centre + offsets / cells, weights)
         total = torch.zeros_like(query).flatten(0, 1).to(seen.dtype)
