@@ -15,10 +15,12 @@ from coin3d.detectors.batch import Batch
 from coin3d.detectors.bev_history import BevHistory, align_history
 from coin3d.detectors.bevformer_config import BEVFormerConfig
 from coin3d.detectors.bevformer_encoder import BevFormerEncoder, LearnedPosition
+from coin3d.detectors.center_head import CenterHead
+from coin3d.detectors.center_targets import center_losses, center_targets
 from coin3d.detectors.deformable_attention import SamplingPlan
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
-from coin3d.detectors.object_seeds import ObjectSeeds
+from coin3d.detectors.object_seeds import ObjectSeeds, centre_boxes
 from coin3d.detectors.perspective import PerspectiveHead
 from coin3d.detectors.pillar_projection import cell_centres, image_from_bev, pillar_anchors, project_pillars
 from coin3d.detectors.query_decoder import BevQueryDecoder
@@ -26,6 +28,9 @@ from coin3d.detectors.query_detector import QueryDetector
 from coin3d.detectors.released_bevformer import ReleasedParts
 from coin3d.detectors.rig_memory import RigMemory
 from coin3d.detectors.spatial_cross_attention import VisibleQueries
+
+CENTRES = "centres_"
+"""Outputs of the dense head begin with this."""
 
 
 class BEVFormer(QueryDetector):
@@ -60,6 +65,7 @@ class BEVFormer(QueryDetector):
             config.spatial_points,
             config.hidden,
             config.dropout,
+            config.looks_at_anchors,
         )
         self.decoder = BevQueryDecoder(
             config.decoder_layers,
@@ -74,7 +80,8 @@ class BEVFormer(QueryDetector):
         self.released = ReleasedParts(config.released, config.grid, config.channels) if config.released else None
         self._seen: RigMemory[VisibleQueries] = RigMemory()
         self.perspective = PerspectiveHead(modulated_channels, config.channels) if config.perspective_weight else None
-        self.seeds = ObjectSeeds(config.seeds, modulated_channels, config.channels) if config.seeds else None
+        self.centres = CenterHead(config.channels, len(classes), config.channels // 2) if config.seeds else None
+        self.seeds = ObjectSeeds(config.channels, config.channels, len(classes)) if config.seeds else None
         _initialise(self.encoder)
         _initialise(self.decoder)
         self.decoder.start_near_references()
@@ -97,7 +104,7 @@ class BEVFormer(QueryDetector):
 
         Returns:
             ``class_logits`` (L, B, N, K); ``boxes`` (L, B, N, 10, see query_boxes) in the BEV frame; ``bev`` (B, Q, C); in
-            training, where it is supervised, ``perspective`` (M, 6, h, w).
+            training, where it is supervised, ``perspective`` (M, 6, h, w). With seeds also the maps of the dense head.
 
         Raises:
             ValueError: history without motion, or bus numbers for a model that reads none.
@@ -119,12 +126,27 @@ class BEVFormer(QueryDetector):
             )
         centres, visible = cell_centres(self.config.grid, features.device), self._visible(batch, bev_from_ego)
         bev = self.encoder(queries, self.bev_position(), centres, features, visible, history)
-        shown, seeds = self.what_cells_show(neck_feature, batch)
-        class_logits, boxes = self.decoder(bev, self.config.box_space, seeds)
-        outputs = {"class_logits": class_logits, "boxes": boxes, "bev": bev}
-        if self.training and shown is not None:
-            outputs["perspective"] = shown
+        outputs, seeds = {"bev": bev}, None
+        if self.centres is not None and self.seeds is not None:
+            grid = self.config.grid
+            bev_map = bev.transpose(1, 2).unflatten(2, (grid.side, grid.side))
+            maps = self.centres(bev_map)
+            outputs |= {CENTRES + name: values for name, values in maps.items()}
+            seeds = self.seeds(centre_boxes(maps, bev_map, grid, self.config.seeds), self.config.box_space)
+        outputs["class_logits"], outputs["boxes"] = self.decoder(bev, self.config.box_space, seeds)
+        if self.perspective is not None and self.training:
+            outputs["perspective"] = self.perspective(neck_feature)
         return outputs
+
+    def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
+        """Weighted losses by name; their sum is what is minimised."""
+        outputs = self(batch)
+        losses = self.losses_of(outputs, batch)
+        if self.centres is not None:
+            maps = {name.removeprefix(CENTRES): values for name, values in outputs.items() if name.startswith(CENTRES)}
+            targets = center_targets(batch.boxes, self.classes, self.config.grid, min_radius_cells=1)
+            losses |= center_losses(maps, targets.to(batch.images.device))
+        return losses
 
     @torch.no_grad()
     def _bev_of_before(self, before: Batch) -> Float[Tensor, "b q c"]:

@@ -31,9 +31,12 @@ class BEVFormerConfig:
         encoder_layers: layers of bird's-eye-view queries.
         temporal_points: looks per head into the previous and the present bird's-eye view.
         spatial_points: looks per head into an image, shared out over the anchors.
+        looks_at_anchors: start with looks close to the anchors, each head at one of its own, as few steps ask for; the
+            released start looks up to ``spatial_points`` cells around them. Needs as many points as anchors.
         decoder_layers: layers of object queries.
         queries: learned object queries.
-        seeds: further object queries that start from what the image cells show (see object_seeds); 0, as released, for none.
+        seeds: further object queries that start from the boxes of a dense head on the bird's-eye view (see object_seeds); 0, as
+            released, for none.
         decoder_points: looks per head of an object query.
         hidden: width inside the feed-forward networks.
         dropout: in all transformer layers.
@@ -57,6 +60,7 @@ class BEVFormerConfig:
     encoder_layers: int = 3
     temporal_points: int = 4
     spatial_points: int = 8
+    looks_at_anchors: bool = False
     decoder_layers: int = 6
     queries: int = 900
     seeds: int = 0
@@ -78,7 +82,9 @@ class BEVFormerConfig:
             raise ValueError(f"{self.channels} channels do not share out over {self.heads} heads and two axes")
         if not self.anchor_heights_m or self.spatial_points % len(self.anchor_heights_m):
             raise ValueError(f"{self.spatial_points} points do not share out over {len(self.anchor_heights_m)} anchor heights")
-        check_seeds(self.seeds, self.perspective_weight, self.released is not None)
+        if self.looks_at_anchors and self.spatial_points != len(self.anchor_heights_m):
+            raise ValueError(f"looks_at_anchors needs as many points as anchors, got {self.spatial_points} points")
+        check_seeds(self.seeds, 1.0, self.released is not None)
 
     @property
     def box_space(self) -> SpaceRange:
@@ -115,8 +121,11 @@ class BEVFormerConfig:
             backbone_blocks=(1, 1, 1, 1),
             strides=(8, 16),
             channels=96,
-            heads=6,
-            grid=BevGrid(51.2, 2.56, (-3.0, 5.0)),
+            heads=8,
+            grid=BevGrid(51.2, 1.6, (-3.0, 5.0)),
+            anchor_heights_m=(0.1, 0.7, 1.3, 1.9),
+            spatial_points=4,
+            looks_at_anchors=True,
             encoder_layers=2,
             decoder_layers=3,
             queries=100,

@@ -46,11 +46,18 @@ class EncoderLayer(nn.Module):
     """Temporal attention, spatial attention and a feed-forward network, each followed by its norm."""
 
     def __init__(
-        self, channels: int, heads: int, temporal_points: int, spatial_points: int, hidden: int, dropout: float
+        self,
+        channels: int,
+        heads: int,
+        temporal_points: int,
+        spatial_points: int,
+        hidden: int,
+        dropout: float,
+        at_anchors: bool,
     ) -> None:
         super().__init__()
         self.temporal = TemporalSelfAttention(channels, heads, temporal_points, dropout)
-        self.spatial = SpatialCrossAttention(channels, heads, spatial_points, dropout)
+        self.spatial = SpatialCrossAttention(channels, heads, spatial_points, dropout, at_anchors)
         self.ffn = feed_forward(channels, hidden, dropout)
         self.norms = nn.ModuleList(nn.LayerNorm(channels) for _ in range(3))
 
@@ -81,14 +88,23 @@ class BevFormerEncoder(nn.Module):
         spatial_points: looks per head into each camera.
         hidden: width inside the feed-forward networks.
         dropout: in all of them.
+        at_anchors: how the looks into the cameras start (see ``SamplingPlan``).
     """
 
     def __init__(
-        self, layers: int, channels: int, heads: int, temporal_points: int, spatial_points: int, hidden: int, dropout: float
+        self,
+        layers: int,
+        channels: int,
+        heads: int,
+        temporal_points: int,
+        spatial_points: int,
+        hidden: int,
+        dropout: float,
+        at_anchors: bool = False,
     ) -> None:
         super().__init__()
         self.layers = nn.ModuleList(
-            EncoderLayer(channels, heads, temporal_points, spatial_points, hidden, dropout) for _ in range(layers)
+            EncoderLayer(channels, heads, temporal_points, spatial_points, hidden, dropout, at_anchors) for _ in range(layers)
         )
 
     def forward(

@@ -10,6 +10,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
+_NEAR_ANCHOR_CELLS = 0.5
+_PREFERENCE = 2.0  # of logits: a head gives its own anchor seven times the weight of another
+
 
 def sample_values(
     levels: Sequence[Float[Tensor, "n k _ _"]],
@@ -45,11 +48,12 @@ class SamplingPlan(nn.Module):
         heads: attention heads.
         maps: maps each head looks at; the weights sum to one over the points of each map.
         points: looks per head and map.
+        at_anchors: where each point has an anchor of its own: start within half a cell of it, head h at anchor h.
     """
 
-    def __init__(self, inputs: int, heads: int, maps: int, points: int) -> None:
+    def __init__(self, inputs: int, heads: int, maps: int, points: int, at_anchors: bool = False) -> None:
         super().__init__()
-        self.heads, self.maps, self.points = heads, maps, points
+        self.heads, self.maps, self.points, self.at_anchors = heads, maps, points, at_anchors
         self.offsets = nn.Linear(inputs, heads * maps * points * 2)
         self.weights = nn.Linear(inputs, heads * maps * points)
         self.reset_parameters()
@@ -65,6 +69,10 @@ class SamplingPlan(nn.Module):
         distance = torch.arange(1, self.points + 1, device=direction.device)
         spread = direction[:, None, None] * distance[None, None, :, None]
         with torch.no_grad():
+            if self.at_anchors:
+                spread = spread * (_NEAR_ANCHOR_CELLS / self.points)
+                own = torch.eye(self.points).repeat(-(-self.heads // self.points), 1)[: self.heads, None]
+                self.weights.bias.copy_(_PREFERENCE * own.expand(self.heads, self.maps, self.points).flatten())
             self.offsets.bias.copy_(spread.expand(self.heads, self.maps, self.points, 2).flatten())
 
     def forward(

@@ -17,7 +17,8 @@ from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
-from coin3d.detectors.object_seeds import ObjectSeeds, check_seeds
+from coin3d.detectors.object_queries import PRIOR_LOGIT, ObjectQueries
+from coin3d.detectors.object_seeds import ObjectSeeds, check_seeds, perspective_boxes
 from coin3d.detectors.perspective import PerspectiveHead
 from coin3d.detectors.petr_decoder import QueryDecoder, gather_samples, sample_padding
 from coin3d.detectors.position_embedding_3d import CameraSineEmbedding, PositionEmbedding3D, RayPoints, sine_code
@@ -30,7 +31,6 @@ from coin3d.detectors.space_range import SpaceRange
 from coin3d.detectors.vovnet import VoVNet99
 
 V2_99 = "v2-99"
-_SCORE_BIAS = -4.595  # sigmoid = 0.01, the usual prior where almost every query stands for nothing
 
 _SEEN = SpaceRange((-61.2, -61.2, -10.0), (61.2, 61.2, 10.0))
 _OCCUPIED = SpaceRange((-51.2, -51.2, -3.0), (51.2, 51.2, 5.0))
@@ -186,7 +186,7 @@ class PETR(QueryDetector):
             nn.ReLU(inplace=True),
             output := nn.Linear(width, len(classes)),
         )
-        nn.init.constant_(output.bias, _SCORE_BIAS)
+        nn.init.constant_(output.bias, PRIOR_LOGIT)
         self.box_branch = nn.Sequential(
             nn.Linear(width, width),
             nn.ReLU(inplace=True),
@@ -197,39 +197,34 @@ class PETR(QueryDetector):
         with torch.no_grad():
             start.weight *= START_OF_SHIFTS
         self.perspective = PerspectiveHead(modulated_channels, config.neck_channels) if config.perspective_weight else None
-        self.seeds = ObjectSeeds(config.seeds, modulated_channels, width) if config.seeds else None
+        self.seeds = ObjectSeeds(modulated_channels, width, len(classes)) if config.seeds else None
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:
         """``class_logits`` (L, B, Q, classes) and ``boxes`` (L, B, Q, 10, see query_boxes) after each decoder layer.
 
         In training, where it is supervised, also ``perspective`` (M, 6, h, w).
         """
-        feature, _ = image_feature(self.method, self.backbone, self.neck, self.config.strides, batch)
+        config = self.config
+        feature, _ = image_feature(self.method, self.backbone, self.neck, config.strides, batch)
         h, w = feature.shape[-2:]
         position = self._position(batch) if torch.is_grad_enabled() else self._remembered_position(batch)
         memory, memory_position = (
             gather_samples(x, batch.sample_index, batch.num_samples) for x in (self.input_proj(feature), position)
         )
         padding = sample_padding(batch.sample_index, batch.num_samples, h * w)
-        shown, seeds = self.what_cells_show(feature, batch)
+        position = self._query_position().expand(batch.num_samples, -1, -1)
         place = self.reference_points.expand(batch.num_samples, -1, -1)
-        query_position = self._query_position().expand(batch.num_samples, -1, -1)
-        query, heading = torch.zeros_like(query_position), torch.zeros_like(place[..., :2])
-        if seeds is not None:
-            place = torch.cat([place, seeds.place], dim=1)
-            query_position = torch.cat([query_position, seeds.position], dim=1)
-            query = torch.cat([query, seeds.content], dim=1)
-            heading = torch.cat([heading, seeds.heading], dim=1)
-        decoded = self.decoder(query, query_position, memory, memory_position, padding)
+        queries = ObjectQueries.learned(place, position, torch.zeros_like(position), len(self.classes))
+        shown = self.perspective(feature) if self.perspective and (self.training or self.seeds) else None
+        if self.seeds is not None and shown is not None:
+            first = perspective_boxes(shown, feature, batch, config.strides[0], config.seeds, len(self.classes))
+            queries = queries.joined(self.seeds(first, config.box_space))
+        decoded = self.decoder(queries.content, queries.position, memory, memory_position, padding)
         with torch.autocast(decoded.device.type, enabled=False):  # half precision would put boxes on a grid of decimetres
             decoded = decoded.float()
-            boxes = place_boxes(
-                self.box_branch(decoded),
-                place.expand(len(decoded), -1, -1, -1),
-                self.config.box_space,
-                heading.expand(len(decoded), -1, -1, -1),
-            )
-            outputs: dict[str, Tensor] = {"class_logits": self.class_branch(decoded), "boxes": boxes}
+            raw, place = self.box_branch(decoded), queries.place.expand(len(decoded), -1, -1, -1)
+            boxes = place_boxes(raw, place, config.box_space, queries.code)
+            outputs: dict[str, Tensor] = {"class_logits": self.class_branch(decoded) + queries.logits, "boxes": boxes}
         if self.training and shown is not None:
             outputs["perspective"] = shown
         return outputs

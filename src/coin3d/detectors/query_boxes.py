@@ -22,7 +22,7 @@ START_OF_SHIFTS = 0.1
 """Share of the usual start of the layer that shifts boxes: queries begin near their reference points."""
 HEADING = slice(6, 8)
 VELOCITY = slice(8, 10)
-_PLACE = (0, 1, 4)
+PLACE = (0, 1, 4)
 _LARGEST_LOG_SIZE = 5.0
 _KEPT = SpaceRange((-61.2, -61.2, -10.0), (61.2, 61.2, 10.0))
 
@@ -53,7 +53,7 @@ def place_boxes(
     raw: Float[Tensor, "... 10"],
     reference: Float[Tensor, "... 3"],
     space: SpaceRange,
-    heading: Float[Tensor, "... 2"] | None = None,
+    start: Float[Tensor, "... 10"] | None = None,
 ) -> Float[Tensor, "... 10"]:
     """Codes from what a regression branch gives: its x, y, z are shifts, in logits, of a reference point within the range.
 
@@ -61,13 +61,11 @@ def place_boxes(
         raw: output of the branch.
         reference: reference points, 0..1.
         space: range of space the boxes may lie in.
-        heading: sine and cosine of the yaw to start from, where one is known; zeros where not.
+        start: codes to which all but the place is a correction.
     """
-    x, y, z = space.metres((raw[..., _PLACE] + inverse_sigmoid(reference)).sigmoid()).unbind(-1)
-    turned = raw[..., HEADING] if heading is None else raw[..., HEADING] + heading
-    return torch.cat(
-        [torch.stack([x, y], dim=-1), raw[..., 2:4], z[..., None], raw[..., 5:6], turned, raw[..., VELOCITY]], dim=-1
-    )
+    x, y, z = space.metres((raw[..., PLACE] + inverse_sigmoid(reference)).sigmoid()).unbind(-1)
+    code = raw if start is None else raw + start
+    return torch.cat([torch.stack([x, y], dim=-1), code[..., 2:4], z[..., None], code[..., 5:]], dim=-1)
 
 
 def decode_queries(
@@ -93,7 +91,7 @@ def decode_queries(
     for score, code in zip(scores, codes.detach().float().cpu(), strict=True):
         best, flat = torch.topk(score, min(options.max_boxes, len(score)))
         row, label = code[flat // len(classes)], flat % len(classes)
-        place = row[:, _PLACE]
+        place = row[:, PLACE]
         kept = ((place >= low) & (place <= high)).all(1) & (best >= options.min_score)
         row, label, best, place = row[kept], label[kept], best[kept], place[kept]
         boxes = Boxes3D.create(

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from coin3d.detectors.bevformer_encoder import feed_forward
 from coin3d.detectors.deformable_attention import SamplingPlan, sample_values
-from coin3d.detectors.object_seeds import Seeds
-from coin3d.detectors.query_boxes import CODE_SIZE, START_OF_SHIFTS, place_boxes
+from coin3d.detectors.object_queries import PRIOR_LOGIT, ObjectQueries
+from coin3d.detectors.query_boxes import CODE_SIZE, PLACE, START_OF_SHIFTS, place_boxes
 from coin3d.detectors.space_range import SpaceRange, inverse_sigmoid
-
-_PRIOR_SCORE = 0.01
-_PLACE = (0, 1, 4)  # of x, y, z in the code of a box
 
 
 class BevCrossAttention(nn.Module):
@@ -84,6 +79,7 @@ class BevQueryDecoder(nn.Module):
         self, layers: int, queries: int, classes: int, channels: int, heads: int, points: int, hidden: int, dropout: float
     ) -> None:
         super().__init__()
+        self.classes = classes
         self.queries = nn.Parameter(torch.randn(queries, 2 * channels))  # position beside content
         self.start = nn.Linear(channels, 3)
         self.layers = nn.ModuleList(DecoderLayer(channels, heads, points, hidden, dropout) for _ in range(layers))
@@ -97,7 +93,7 @@ class BevQueryDecoder(nn.Module):
             branch.get_submodule("4").get_parameter("weight").mul_(START_OF_SHIFTS)
 
     def forward(
-        self, bev: Float[Tensor, "b q c"], space: SpaceRange, seeds: Seeds | None = None
+        self, bev: Float[Tensor, "b q c"], space: SpaceRange, seeds: ObjectQueries | None = None
     ) -> tuple[Float[Tensor, "l b n k"], Float[Tensor, "l b n 10"]]:
         """Class logits and boxes (see query_boxes) after every layer.
 
@@ -106,23 +102,19 @@ class BevQueryDecoder(nn.Module):
             space: range of space of that grid, in which the boxes lie.
             seeds: further queries.
         """
-        position, query = self.queries.expand(len(bev), -1, -1).chunk(2, dim=-1)
-        reference = self.start(position).float().sigmoid()
-        heading = torch.zeros_like(reference[..., :2])
-        if seeds is not None:
-            position = torch.cat([position, seeds.position], dim=1)
-            query = torch.cat([query, seeds.content], dim=1)
-            reference = torch.cat([reference, seeds.place], dim=1)
-            heading = torch.cat([heading, seeds.heading], dim=1)
+        position, content = self.queries.expand(len(bev), -1, -1).chunk(2, dim=-1)
+        learned = ObjectQueries.learned(self.start(position).float().sigmoid(), position, content, self.classes)
+        queries = learned.joined(seeds)
+        query, reference = queries.content, queries.place
         logits, boxes = [], []
         for layer, classify, refine in zip(self.layers, self.class_branches, self.box_branches, strict=True):
-            query = layer(query, position, bev, reference[..., :2])
+            query = layer(query, queries.position, bev, reference[..., :2])
             with torch.autocast(bev.device.type, enabled=False):  # half precision would put boxes on a grid of decimetres
-                logits.append(classify(query.float()))
+                logits.append(classify(query.float()) + queries.logits)
                 raw = refine(query.float())
-                boxes.append(place_boxes(raw, reference, space, heading))
+                boxes.append(place_boxes(raw, reference, space, queries.code))
                 # each layer learns its own correction: no gradient through the chain of places
-                reference = (raw[..., _PLACE] + inverse_sigmoid(reference)).sigmoid().detach()
+                reference = (raw[..., PLACE] + inverse_sigmoid(reference)).sigmoid().detach()
         return torch.stack(logits), torch.stack(boxes)
 
 
@@ -131,7 +123,7 @@ def _class_branch(channels: int, classes: int) -> nn.Sequential:
     for _ in range(2):
         layers += [nn.Linear(channels, channels), nn.LayerNorm(channels), nn.ReLU(inplace=True)]
     last = nn.Linear(channels, classes)
-    nn.init.constant_(last.bias, -math.log((1 - _PRIOR_SCORE) / _PRIOR_SCORE))
+    nn.init.constant_(last.bias, PRIOR_LOGIT)
     return nn.Sequential(*layers, last)
 
 

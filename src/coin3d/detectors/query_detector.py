@@ -11,7 +11,7 @@ from torch import Tensor
 
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.detector import Detector, DetectorConfig
-from coin3d.detectors.object_seeds import ObjectSeeds, Seeds
+from coin3d.detectors.object_seeds import ObjectSeeds
 from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
 from coin3d.detectors.query_boxes import QueryDecodeOptions, decode_queries
 from coin3d.detectors.query_losses import QueryLossWeights, query_losses, query_targets
@@ -69,25 +69,19 @@ class QueryDetector(Detector):
     perspective: PerspectiveHead | None
     seeds: ObjectSeeds | None
 
-    def what_cells_show(self, feature: Float[Tensor, "m c h w"], batch: Batch) -> tuple[Tensor | None, Seeds | None]:
-        """Output of the perspective head where it is supervised, and seeds of object queries where the detector has them."""
-        if self.perspective is None or not (self.training or self.seeds):
-            return None, None
-        shown = self.perspective(feature)
-        if self.seeds is None:
-            return shown, None
-        return shown, self.seeds(shown, feature, batch, self.config.strides[0], self.config.box_space)
-
     @abstractmethod
     def forward(self, batch: Batch) -> dict[str, Tensor]:
         """Predictions of every decoder layer."""
 
     def losses(self, batch: Batch) -> dict[str, Float[Tensor, ""]]:
         """Weighted losses by name; their sum is what is minimised."""
+        return self.losses_of(self(batch), batch)
+
+    def losses_of(self, outputs: dict[str, Tensor], batch: Batch) -> dict[str, Float[Tensor, ""]]:
+        """Losses of the decoder and the perspective head."""
         if len(batch.boxes) != batch.num_samples:
             raise ValueError(f"training needs boxes: {len(batch.boxes)} tables of them for {batch.num_samples} samples")
         config, device = self.config, batch.images.device
-        outputs = self(batch)
         tables = [self._in_frame_of_boxes(boxes) for boxes in batch.boxes]
         targets = [query_targets(boxes, self.classes, config.box_space).to(device) for boxes in tables]
         with torch.autocast(device.type, enabled=False):

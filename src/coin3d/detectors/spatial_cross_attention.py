@@ -53,11 +53,12 @@ class SpatialCrossAttention(nn.Module):
         heads: attention heads.
         points: looks per head, shared out over the anchors of the pillar in turn.
         dropout: on the output.
+        at_anchors: start with looks close to the anchors, each head at one of them (see ``SamplingPlan``).
     """
 
-    def __init__(self, channels: int, heads: int, points: int, dropout: float) -> None:
+    def __init__(self, channels: int, heads: int, points: int, dropout: float, at_anchors: bool = False) -> None:
         super().__init__()
-        self.plan = SamplingPlan(channels, heads, maps=1, points=points)
+        self.plan = SamplingPlan(channels, heads, maps=1, points=points, at_anchors=at_anchors)
         self.value = nn.Linear(channels, channels)
         self.output = nn.Linear(channels, channels)
         self.dropout = nn.Dropout(dropout)
