@@ -130,7 +130,10 @@ def test_losses_reach_every_weight() -> None:
     for method in METHODS:
         fresh = opened(method).train()
         losses = fresh.losses(both)
-        assert set(losses) == {"class_1", "class_2", "box_1", "box_2", "perspective"}
+        assert set(losses) == {
+            *("class_1", "class_2", "box_1", "box_2", "perspective"),
+            *("heatmap", "offset", "height", "size", "heading"),
+        }
         torch.stack(list(losses.values())).sum().backward()
         unmoved = [name for name, p in fresh.named_parameters() if p.grad is None or not p.grad.any()]
         assert unmoved == [], method

@@ -126,7 +126,7 @@ class BEVFormerConfig:
             anchor_heights_m=(0.1, 0.7, 1.3, 1.9),
             spatial_points=4,
             looks_at_anchors=True,
-            encoder_layers=2,
+            encoder_layers=1,
             decoder_layers=3,
             queries=100,
             seeds=80,
