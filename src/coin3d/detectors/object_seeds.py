@@ -76,16 +76,18 @@ class ObjectSeeds(nn.Module):
 
 def perspective_boxes(
     shown: Float[Tensor, "m 6 h w"],
+    sure: Float[Tensor, "m h w"],
     feature: Float[Tensor, "m f h w"],
     batch: Batch,
     stride: int,
     count: int,
     classes: int,
 ) -> FirstBoxes:
-    """The best cells of a ``PerspectiveHead``, which knows neither sizes nor classes.
+    """The best cells of a perspective head, which knows neither sizes nor classes.
 
     Args:
-        shown: output of the head.
+        shown: what it says.
+        sure: how far to trust its distances, 0..1.
         feature: what it was predicted from.
         batch: cameras and BEV augmentation.
         stride: pixels per cell.
@@ -101,7 +103,7 @@ def perspective_boxes(
         x, y, z = points.unbind(-1)
         unknown = torch.zeros_like(x)
         code = torch.stack([x, y, unknown, unknown, z, unknown, sine, cosine, unknown, unknown], dim=-1)
-        score = cell_scores(shown)
+        score = cell_scores(shown) * sure
     cells = _best_cells(score, batch.sample_index, batch.num_samples, count)
     return FirstBoxes(
         code.flatten(0, 2)[cells],

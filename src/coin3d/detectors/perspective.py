@@ -60,6 +60,15 @@ class PerspectiveHead(nn.Module):
         out: Tensor = self.output(self.conv(feature))
         return out
 
+    def loss(self, shown: Float[Tensor, "m 6 h w"], targets: PerspectiveTargets) -> Float[Tensor, ""]:
+        """See ``perspective_loss``."""
+        return perspective_loss(shown, targets)
+
+
+def scaled_log_distance(apparent_m: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """How an apparent distance is told, see ``PerspectiveTargets``."""
+    return 2 * (apparent_m / _REFERENCE_M).log()
+
 
 def perspective_loss(predicted: Float[Tensor, "m 6 h w"], targets: PerspectiveTargets) -> Float[Tensor, ""]:
     """Cross-entropy of the cover over all cells, and an L1 of the values over cells that show an object."""

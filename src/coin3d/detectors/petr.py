@@ -19,7 +19,7 @@ from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
 from coin3d.detectors.object_queries import PRIOR_LOGIT, ObjectQueries
 from coin3d.detectors.object_seeds import ObjectSeeds, check_seeds, perspective_boxes
-from coin3d.detectors.perspective import PerspectiveHead
+from coin3d.detectors.perspective_bins import BinnedPerspectiveHead
 from coin3d.detectors.petr_decoder import QueryDecoder, gather_samples, sample_padding
 from coin3d.detectors.position_embedding_3d import CameraSineEmbedding, PositionEmbedding3D, RayPoints, sine_code
 from coin3d.detectors.query_boxes import CODE_SIZE, START_OF_SHIFTS, QueryDecodeOptions, place_boxes
@@ -152,6 +152,7 @@ class PETR(QueryDetector):
 
     name = "petr"
     config: PETRConfig
+    perspective: BinnedPerspectiveHead | None
 
     def __init__(self, config: PETRConfig, classes: tuple[str, ...], method: Method) -> None:
         super().__init__()
@@ -196,13 +197,14 @@ class PETR(QueryDetector):
         )
         with torch.no_grad():
             start.weight *= START_OF_SHIFTS
-        self.perspective = PerspectiveHead(modulated_channels, config.neck_channels) if config.perspective_weight else None
+        supervised = config.perspective_weight > 0
+        self.perspective = BinnedPerspectiveHead(modulated_channels, config.neck_channels) if supervised else None
         self.seeds = ObjectSeeds(modulated_channels, width, len(classes)) if config.seeds else None
 
     def forward(self, batch: Batch) -> dict[str, Tensor]:
         """``class_logits`` (L, B, Q, classes) and ``boxes`` (L, B, Q, 10, see query_boxes) after each decoder layer.
 
-        In training, where it is supervised, also ``perspective`` (M, 6, h, w).
+        In training, where it is supervised, also ``perspective`` (M, 45, h, w), see perspective_bins.
         """
         config = self.config
         feature, _ = image_feature(self.method, self.backbone, self.neck, config.strides, batch)
@@ -216,8 +218,9 @@ class PETR(QueryDetector):
         place = self.reference_points.expand(batch.num_samples, -1, -1)
         queries = ObjectQueries.learned(place, position, torch.zeros_like(position), len(self.classes))
         shown = self.perspective(feature) if self.perspective and (self.training or self.seeds) else None
-        if self.seeds is not None and shown is not None:
-            first = perspective_boxes(shown, feature, batch, config.strides[0], config.seeds, len(self.classes))
+        if self.seeds is not None and self.perspective is not None and shown is not None:
+            values, sure = self.perspective.read(shown.detach())
+            first = perspective_boxes(values, sure, feature, batch, config.strides[0], config.seeds, len(self.classes))
             queries = queries.joined(self.seeds(first, config.box_space))
         decoded = self.decoder(queries.content, queries.position, memory, memory_position, padding)
         with torch.autocast(decoded.device.type, enabled=False):  # half precision would put boxes on a grid of decimetres

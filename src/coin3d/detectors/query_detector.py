@@ -12,7 +12,8 @@ from torch import Tensor
 from coin3d.detectors.batch import Batch
 from coin3d.detectors.detector import Detector, DetectorConfig
 from coin3d.detectors.object_seeds import ObjectSeeds
-from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets, perspective_loss
+from coin3d.detectors.perspective import PerspectiveHead, perspective_batch_targets
+from coin3d.detectors.perspective_bins import BinnedPerspectiveHead
 from coin3d.detectors.query_boxes import QueryDecodeOptions, decode_queries
 from coin3d.detectors.query_losses import QueryLossWeights, query_losses, query_targets
 from coin3d.detectors.released_lidar import ReleasedLidar
@@ -62,11 +63,11 @@ class QueryDetector(Detector):
     """A detector of L decoder layers and Q queries.
 
     Its forward gives ``class_logits`` (L, B, Q, K), ``boxes`` (L, B, Q, 10, see query_boxes) and, in training where it is
-    supervised, ``perspective`` (M, 6, h, w).
+    supervised, ``perspective``, what its perspective head says.
     """
 
     config: QueryDetectorConfig
-    perspective: PerspectiveHead | None
+    perspective: PerspectiveHead | BinnedPerspectiveHead | None
     seeds: ObjectSeeds | None
 
     @abstractmethod
@@ -86,9 +87,9 @@ class QueryDetector(Detector):
         targets = [query_targets(boxes, self.classes, config.box_space).to(device) for boxes in tables]
         with torch.autocast(device.type, enabled=False):
             losses = query_losses(outputs["class_logits"], outputs["boxes"], targets, config.weights)
-            if "perspective" in outputs:
+            if self.perspective is not None and "perspective" in outputs:
                 cells = perspective_batch_targets(batch, config.strides[0])
-                losses["perspective"] = config.perspective_weight * perspective_loss(outputs["perspective"], cells)
+                losses["perspective"] = config.perspective_weight * self.perspective.loss(outputs["perspective"], cells)
         return losses
 
     @torch.no_grad()
