@@ -7,6 +7,7 @@ It looks at the image alone: nothing it predicts depends on where the camera is 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -65,9 +66,9 @@ class PerspectiveHead(nn.Module):
         return perspective_loss(shown, targets)
 
 
-def scaled_log_distance(apparent_m: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+def scaled_log_distance(apparent_m: float) -> float:
     """How an apparent distance is told, see ``PerspectiveTargets``."""
-    return 2 * (apparent_m / _REFERENCE_M).log()
+    return 2 * math.log(apparent_m / _REFERENCE_M)
 
 
 def perspective_loss(predicted: Float[Tensor, "m 6 h w"], targets: PerspectiveTargets) -> Float[Tensor, ""]:

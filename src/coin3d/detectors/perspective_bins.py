@@ -33,8 +33,8 @@ class BinnedPerspectiveHead(nn.Module):
         super().__init__()
         self.convs = nn.Sequential(conv_bn_relu(inputs, channels), conv_bn_relu(channels, channels))
         self.output = nn.Conv2d(channels, 5 + _BINS, 1)
-        ends = scaled_log_distance(torch.tensor([_NEAREST_M, _FARTHEST_M]))
-        self.register_buffer("bins", torch.linspace(float(ends[0]), float(ends[1]), _BINS), persistent=False)
+        ends = scaled_log_distance(_NEAREST_M), scaled_log_distance(_FARTHEST_M)
+        self.register_buffer("bins", torch.linspace(*ends, _BINS), persistent=False)
 
     def forward(self, feature: Float[Tensor, "m c h w"]) -> Float[Tensor, "m 45 h w"]:
         """Cover logits, offset of the centre 2, heading 2, logits of the bins."""
