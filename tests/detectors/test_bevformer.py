@@ -212,7 +212,9 @@ def test_frames_before_are_not_learned_from() -> None:
         made = detector().train()
         torch.stack(list(made.losses(given).values())).sum().backward()
         assert made.training and made.backbone.training
-        statistics.append({name: value for name, value in made.named_buffers() if "running_" in name})
+        statistics.append({name: value for name, value in made.backbone.named_buffers() if "running_" in name})
+        assert all(value == 1 for name, value in made.named_buffers() if "num_batches" in name)
+    assert statistics[0]
     assert all(torch.equal(value, statistics[1][name]) for name, value in statistics[0].items())
 
 
