@@ -17,6 +17,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+import three_detectors
 import town_transfer
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
@@ -39,6 +40,11 @@ def transfer() -> str:
 def transfer_long() -> str:
     """The headline rows with twice the steps."""
     return town_transfer.markdown(suffix="_long")
+
+
+def transfer_of_detectors() -> str:
+    """Direct transfer, CoIn3D and oracle of each detector, from the same image trunks."""
+    return three_detectors.markdown()
 
 
 def training_step() -> str:
@@ -121,7 +127,18 @@ def building() -> str:
 
 TABLES = {
     make.__name__: make
-    for make in (transfer, transfer_long, training_step, novel_views, mesh_depth, real, renderer, fusion, building)
+    for make in (
+        transfer,
+        transfer_long,
+        transfer_of_detectors,
+        training_step,
+        novel_views,
+        mesh_depth,
+        real,
+        renderer,
+        fusion,
+        building,
+    )
 }
 DOCUMENTS = [RESULTS.parent / "README.md", RESULTS.parent / "docs" / "results.md"]
 _PLACE = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->", re.DOTALL)

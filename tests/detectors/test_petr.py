@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from coin3d.detectors import Batch, collate
-from coin3d.detectors.petr import PETR, PETRConfig
+from coin3d.detectors.petr import PETR
+from coin3d.detectors.petr_config import PETRConfig
 from coin3d.detectors.position_embedding_3d import RayPoints
 from coin3d.detectors.query_boxes import QueryDecodeOptions
 from coin3d.detectors.query_conventions import ReleasedQueryConventions

@@ -14,7 +14,8 @@ from parity_files import filler, fixture, released_weights
 from torch import Tensor
 
 from coin3d.detectors.batch import Batch
-from coin3d.detectors.petr import PETR, PETRConfig
+from coin3d.detectors.petr import PETR
+from coin3d.detectors.petr_config import PETRConfig
 from coin3d.detectors.query_boxes import decode_queries
 from coin3d.detectors.query_conventions import ReleasedQueryConventions
 from coin3d.detectors.query_losses import QueryLossWeights, QueryTargets, query_losses, query_targets

@@ -8,7 +8,8 @@ from coin3d.detectors.bevformer_config import BEVFormerConfig
 from coin3d.detectors.detector import Detector
 from coin3d.detectors.inputs import Sample, collate, frame_sample
 from coin3d.detectors.method import Method
-from coin3d.detectors.petr import PETR, PETRConfig
+from coin3d.detectors.petr import PETR
+from coin3d.detectors.petr_config import PETRConfig
 from coin3d.detectors.trunk import TrunkConfig, TrunkPretraining
 
 DETECTORS = {"bevdepth": (BEVDepthConfig, BEVDepth), "bevformer": (BEVFormerConfig, BEVFormer), "petr": (PETRConfig, PETR)}

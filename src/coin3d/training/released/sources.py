@@ -13,7 +13,7 @@ from torch import Tensor
 from coin3d.datasets.classes import CAR, PEDESTRIAN, TWO_WHEEL
 from coin3d.detectors.bevdepth_config import BEVDepthConfig
 from coin3d.detectors.bevformer_config import BEVFormerConfig
-from coin3d.detectors.petr import PETRConfig
+from coin3d.detectors.petr_config import PETRConfig
 from coin3d.methods import NoOptions
 from coin3d.priors.released import ReleasedConventions
 from coin3d.training.checkpoint import build_detector, describe
