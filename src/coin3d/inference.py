@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from coin3d.datasets.frame import Frame, ImageSource, Recording
+from coin3d.datasets.frame import Frame, Recording
+from coin3d.datasets.image_source import ImageSource
 from coin3d.detectors import Detector
 from coin3d.geometry import Boxes3D, Rig
 from coin3d.training.checkpoint import load_checkpoint

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from coin3d.datasets.image_source import ImageSource, load_image
 from coin3d.geometry import Boxes3D, Pose, Rig
-
-ImageSource = Path | np.ndarray
-"""Where an image comes from: a file, or pixels already in memory (rendered frames)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +101,7 @@ class Frame:
         return np.asarray(mask.any(-1) if mask.ndim == 3 else mask != 0)
 
     def _pixels(self, camera: str, source: ImageSource, what: str) -> np.ndarray:
-        pixels = source if isinstance(source, np.ndarray) else read_image(source)
+        pixels = load_image(source)
         expected = (self.rig[camera].height_px, self.rig[camera].width_px)
         if pixels.shape[:2] != expected:
             raise ValueError(
@@ -129,20 +125,3 @@ class Recording(Protocol):
     def __getitem__(self, index: int) -> Frame: ...
 
     def __iter__(self) -> Iterator[Frame]: ...
-
-
-def read_image(path: Path) -> UInt8[np.ndarray, "h w 3"]:
-    """Read an image file as RGB.
-
-    Raises:
-        ValueError: missing, truncated or not an image.
-    """
-    if not path.is_file():
-        raise ValueError(f"{path}: the image file is missing")
-    data = np.fromfile(path, dtype=np.uint8)
-    if path.suffix.lower() in (".jpg", ".jpeg") and b"\xff\xd9" not in data[-64:].tobytes():
-        raise ValueError(f"{path}: the JPEG is truncated (no end marker); copy it again")
-    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    if pixels is None:
-        raise ValueError(f"{path}: cannot be decoded as an image; is the file complete?")
-    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB))

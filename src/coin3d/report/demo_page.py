@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from coin3d.datasets.frame import read_image
+from coin3d.datasets.image_source import read_image
 from coin3d.drawing.colours import PREDICTION, RGB, TRUTH
 from coin3d.evaluation import Report
 from coin3d.inference import TOWN_ONLY
