@@ -17,6 +17,7 @@ from coin3d.check.recording_checks import coverage, ground_against_lidar, time_g
 from coin3d.check.rig_checks import rig_findings
 from coin3d.datasets.frame import Frame, Recording
 from coin3d.datasets.open import open_recording
+from coin3d.datasets.splits import SplitChoice
 from coin3d.drawing.pictures import draw_boxes, draw_ground, draw_points
 from coin3d.drawing.sheet import Panel, class_legend, message_picture, save_png, sheet
 from coin3d.drawing.top_view import top_view
@@ -80,13 +81,14 @@ class CheckResult:
         return "\n".join([*lines, *(f"picture: {picture}" for picture in self.pictures)])
 
 
-def check(path: Path, out: Path, frames: int = 3) -> CheckResult:
+def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = None) -> CheckResult:
     """Check a recording: pictures, counts and findings go to ``out``, and a summary is printed.
 
     Args:
         path: folder of the recording.
         out: folder for ``result.json`` and the pictures; made if missing.
         frames: how many frames to look at, spread evenly over the recording.
+        split: which scenes of it; by default all.
 
     Raises:
         FileNotFoundError: not a recording.
@@ -95,7 +97,7 @@ def check(path: Path, out: Path, frames: int = 3) -> CheckResult:
     if frames < 1:
         raise ValueError(f"at least one frame has to be checked, got frames={frames}")
     path, out = Path(path), Path(out)
-    recording = open_recording(path)
+    recording = open_recording(path, split)
     indices = sorted({round(i) for i in np.linspace(0, len(recording) - 1, frames)})
     findings: list[Finding] = []
     reports: list[FrameReport] = []

@@ -123,7 +123,9 @@ class _Writer:
             self.masks[camera] = mask
             self._write(f"{OWN_VEHICLE}/{camera}.png", _png(load_image(mask)))
         elif mask is not self.masks[camera] and not np.array_equal(load_image(mask), load_image(self.masks[camera])):
-            raise ValueError(f"{where}: another mask of the own vehicle for '{camera}' than before; a folder holds one per camera")
+            raise ValueError(
+                f"{where}: another mask of the own vehicle for '{camera}' than before; a folder holds one per camera"
+            )
 
     def _lidar(self, source: LidarSource, rig: Rig, token: str) -> dict[str, Any]:
         scan = source.load()
@@ -140,6 +142,12 @@ class _Writer:
         path = self.root / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
+
+
+def _same(mask: ImageSource, other: ImageSource) -> bool:
+    if mask is other or (isinstance(mask, Path) and mask == other):
+        return True
+    return np.array_equal(load_image(mask), load_image(other))
 
 
 def _pose(pose: Pose) -> list[list[float]]:

@@ -110,7 +110,9 @@ def boxes_world(entry: Mapping[str, Any], rig: Rig, world_from_ego_then: Pose | 
 
 def _box(said: Any, where: str) -> dict[str, Any]:
     box = known_keys(said, _BOX_KEYS, where, ("category", "centre_m", *_SIZE))
-    key = one_of(box, _YAWS, where, required=True)
+    key = one_of(box, _YAWS, where)
+    if key is None:
+        raise ValueError(f"{where}: say where it points by one of {', '.join(_YAWS)}")
     size = [number(box[side], f"{where}: {side}") for side in _SIZE]
     if min(size) <= 0:
         raise ValueError(f"{where}: length, width and height are positive metres, got {size}")

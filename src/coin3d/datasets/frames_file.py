@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,7 @@ def _time_ns(entry: Mapping[str, Any], where: str) -> int:
 
 
 def _agree(path: Path, places: list[Place]) -> None:
-    for before, place in zip(places[:-1], places[1:], strict=True):
+    for before, place in pairwise(places):
         where = f"{path}, line {max(before.line, place.line)}"
         if before.time_ns == place.time_ns != 0:
             raise ValueError(

@@ -42,4 +42,3 @@ def plain_name(name: Any, where: str) -> str:
     if name in (".", ".."):
         raise ValueError(f"{where}: '{name}' is no name")
     return name
-

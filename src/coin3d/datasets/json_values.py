@@ -41,15 +41,15 @@ def known_keys(entry: Any, allowed: Collection[str], where: str, required: Colle
     return entry
 
 
-def one_of(entry: Mapping[str, Any], keys: Collection[str], where: str, required: bool = False) -> str | None:
+def one_of(entry: Mapping[str, Any], keys: Collection[str], where: str) -> str | None:
     """Which of several keys that say the same thing is there.
 
     Raises:
-        ValueError: more than one, or none where one is required.
+        ValueError: more than one.
     """
     given = [key for key in keys if key in entry]
-    if len(given) > 1 or (required and not given):
-        raise ValueError(f"{where}: give {'exactly' if required else 'at most'} one of {', '.join(keys)}")
+    if len(given) > 1:
+        raise ValueError(f"{where}: {' and '.join(given)} say the same thing; give one of them")
     return given[0] if given else None
 
 
