@@ -82,7 +82,9 @@ def test_images_in_memory_no_labels_and_a_camera_less(tmp_path: Path) -> None:
     frames = [
         Frame("one", 1, rig, pixels, scene="street", next="two", lidar=Sweep()),
         Frame("two", 5, rig.with_cameras(eye), {"a": pixels["a"]}, scene="street", previous="one", next="three"),
-        Frame("three", 9, rig.with_cameras(eye), {"a": pixels["b"]}, boxes_world=Boxes3D.empty(), scene="street", previous="two"),
+        Frame(
+            "three", 9, rig.with_cameras(eye), {"a": pixels["b"]}, boxes_world=Boxes3D.empty(), scene="street", previous="two"
+        ),
     ]
     write_folder_recording(frames, tmp_path / "out")
     for written, read in zip(frames, open_recording(tmp_path / "out"), strict=True):

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from own_folder import CAR, QUARTER_TURN, RIG, line, write_folder
 
 from coin3d.datasets.open import open_recording
 from coin3d.datasets.own_recording import OwnRecording
-from own_folder import CAR, QUARTER_TURN, RIG, line, write_folder
 
 
 def test_a_line_with_images_alone_is_a_frame(tmp_path: Path) -> None:
@@ -84,8 +84,12 @@ def test_what_a_box_may_say_and_what_is_unknown_otherwise(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("said", "yaw_rad"),
-    [({"yaw_deg": 90}, np.pi / 2), ({"quaternion_wxyz": [0.5**0.5, 0, 0, -(0.5**0.5)]}, -np.pi / 2), ({"yaw_rad": 7.0}, 7 - 2 * np.pi)],
-)  # fmt: skip
+    [
+        ({"yaw_deg": 90}, np.pi / 2),
+        ({"quaternion_wxyz": [0.5**0.5, 0, 0, -(0.5**0.5)]}, -np.pi / 2),
+        ({"yaw_rad": 7.0}, 7 - 2 * np.pi),
+    ],
+)
 def test_three_ways_to_say_where_a_box_points(tmp_path: Path, said: dict[str, Any], yaw_rad: float) -> None:
     box = {**{k: v for k, v in CAR.items() if k != "yaw_rad"}, **said}
     boxes = OwnRecording(write_folder(tmp_path, line(boxes_ego=[box])))[0].boxes
@@ -110,7 +114,9 @@ def test_images_that_say_where_the_vehicle_was(tmp_path: Path) -> None:
 
 
 def test_a_frame_may_lack_cameras_or_have_a_rig_of_its_own(tmp_path: Path) -> None:
-    root = write_folder(tmp_path, line(0, images={"right": "right/0.png"}), line(1, rig="rigs/wide.yaml"), line(2, rig="r.json"))
+    root = write_folder(
+        tmp_path, line(0, images={"right": "right/0.png"}), line(1, rig="rigs/wide.yaml"), line(2, rig="r.json")
+    )
     (root / "rigs").mkdir()
     (root / "rigs" / "wide.yaml").write_text(RIG.replace("focal: 30", "focal: 15"))
     camera = {"size": [40, 30], "focal": 60, "position": [0, 0, 1], "yaw_deg": 0}
@@ -230,7 +236,9 @@ def test_no_lines_and_lines_that_change_while_open(tmp_path: Path) -> None:
 def test_damaged_lines_end_in_an_error_or_in_frames(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     mount = np.eye(4).tolist()
     whole = json.dumps(
-        line(world_from_ego=QUARTER_TURN, boxes_world=[CAR], lidar={"path": "a.pcd", "vehicle_from_lidar": mount}, timestamp_s=1)
+        line(
+            world_from_ego=QUARTER_TURN, boxes_world=[CAR], lidar={"path": "a.pcd", "vehicle_from_lidar": mount}, timestamp_s=1
+        )
     ).encode()
     root = tmp_path_factory.mktemp("fuzz")
     write_folder(root, line())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -130,10 +131,8 @@ def test_damaged_lzf(stream: bytes, size: int, message: str) -> None:
 
 @given(st.binary(max_size=200), st.integers(0, 400))
 def test_lzf_never_gives_anything_but_the_announced_size(stream: bytes, size: int) -> None:
-    try:
+    with suppress(ValueError):
         assert len(lzf_decompress(stream, size)) == size
-    except ValueError:
-        pass
 
 
 @given(st.binary(max_size=120))
