@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from checkpoints import write_checkpoint
@@ -12,8 +13,11 @@ from coin3d import cli
 from coin3d.commands.protocols import open_target
 from coin3d.commands.sources import Sources, choose_sources
 from coin3d.datasets.classes import MERGED_CAR, PLAIN_CAR
+from coin3d.datasets.open import open_recording
 from coin3d.datasets.thinned import Thinned
 from coin3d.evaluation.paper_protocols import paper_protocol
+from coin3d.geometry import preset_rig
+from coin3d.rendering import Gaussians, save_gaussians
 from tiny_recording import edit_table, write_recording
 
 
@@ -90,3 +94,33 @@ def test_evaluate_under_a_protocol_and_check_of_a_split(
     assert "leave --classes, --split, --range-shape out" in capsys.readouterr().err
     assert cli.main(["check", str(as_nuscenes), "--split", "train", "--frames", "1", "--out", str(tmp_path / "check")]) == 0
     assert json.loads((tmp_path / "check/result.json").read_text())["frames"] == 3
+
+
+def test_a_recording_seen_through_another_rig(as_nuscenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for frame in open_recording(as_nuscenes, "val"):
+        if frame.next:  # the last frame was not built
+            (tmp_path / "built" / frame.scene).mkdir(parents=True, exist_ok=True)
+            save_gaussians(red_wall(), tmp_path / "built" / frame.scene / f"{frame.token}.safetensors")
+    out = tmp_path / "copy"
+    words = ["re-render", str(as_nuscenes), str(tmp_path / "built"), "--rig", "waymo", "--split", "val", "--width", "64"]
+    assert cli.main([*words, "--out", str(out)]) == 0
+    assert "2 of 3 frames rendered through rig 'waymo'" in capsys.readouterr().out
+    source, copy = open_recording(as_nuscenes, "val"), open_recording(out, "val")
+    assert [f.token for f in copy] == ["sample0.0", "sample0.1"] and list(copy[0].rig) == list(preset_rig("waymo"))
+    for before, after in zip(source, copy, strict=False):
+        np.testing.assert_allclose(after.boxes.centre_m, before.boxes.centre_m, atol=1e-9)
+        assert len(after.lidar.load().points_ego) == len(before.lidar.load().points_ego)
+        assert after.image("FRONT").shape == (43, 64, 3) and after.image("SIDE_LEFT").shape == (30, 64, 3)
+        assert after.image("FRONT")[21, 32].tolist()[1:] == [0, 0] and after.image("FRONT")[21, 32, 0] > 200
+        assert not after.image("SIDE_LEFT").any(), "the wall stands ahead"
+    capsys.readouterr()
+    assert cli.main([*words, "--out", str(out)]) == 2
+    assert "is not an empty folder; choose another" in capsys.readouterr().err
+
+
+def red_wall() -> Gaussians:
+    """Opaque red dots 10 m ahead, 4 m wide and 4 m high."""
+    y, z = np.meshgrid(np.linspace(-2, 2, 21), np.linspace(0, 4, 21))
+    centres = np.stack([np.full_like(y, 10.0), y, z], axis=-1).reshape(-1, 3)
+    red = np.tile(np.array([255, 0, 0], dtype=np.uint8), (len(centres), 1))
+    return Gaussians(centres.astype(np.float32), np.full(len(centres), 0.3, np.float32), red)

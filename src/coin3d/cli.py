@@ -18,6 +18,7 @@ from coin3d.commands.detect import detect
 from coin3d.commands.evaluate import evaluate
 from coin3d.commands.pretrain import pretrain
 from coin3d.commands.protocols import protocols
+from coin3d.commands.re_render import re_render
 from coin3d.commands.render import render
 from coin3d.commands.rig import rig
 from coin3d.commands.town import town
@@ -32,6 +33,7 @@ VERBS: dict[str, Callable[..., None]] = {
     "town": town,
     "build-scenes": build_scenes,
     "render": render,
+    "re-render": re_render,
     "pretrain": pretrain,
     "train": train,
     "evaluate": evaluate,

@@ -166,6 +166,7 @@ BAD_LINES: list[tuple[dict[str, Any] | str, str]] = [
     (line(0, token=".."), "line 2: token: '..' is no name"),
     (line(0, scene=7), "line 2: scene: a name of 1 to 200"),
     (line(0, time=7), "line 2: unknown key 'time'; known are token, timestamp_ns"),
+    (line(0, boxes_eog=[]), "line 2: unknown key 'boxes_eog'; did you mean boxes_ego\\?"),
     (line(0, timestamp_ns=1.5), "line 2: timestamp_ns is a time"),
     (line(0, timestamp_s=-1), "line 2: timestamp_s: a whole number from 0"),
     (line(0, timestamp_s=1, timestamp_ns=1), "line 2: timestamp_ns and timestamp_s say the same thing"),

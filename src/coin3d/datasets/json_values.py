@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -35,7 +36,9 @@ def known_keys(entry: Any, allowed: Collection[str], where: str, required: Colle
     if not isinstance(entry, dict):
         raise ValueError(f"{where}: an object in braces is expected, got {shown(entry)}")
     if unknown := [key for key in entry if key not in allowed]:
-        raise ValueError(f"{where}: unknown key {shown(unknown[0])}; known are {', '.join(allowed)}")
+        near = difflib.get_close_matches(unknown[0], list(allowed), 1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise ValueError(f"{where}: unknown key {shown(unknown[0])}; {hint}known are {', '.join(allowed)}")
     if missing := [key for key in required if key not in entry]:
         raise ValueError(f"{where}: '{missing[0]}' is missing")
     return entry
