@@ -56,6 +56,58 @@ def training_step() -> str:
     return table(["detector", "method", "seconds per step", "minutes for 1,000 steps"], rows)
 
 
+def overfit() -> str:
+    """Eight frames learned by heart."""
+    rows = [
+        [row["detector"], row["steps"], row["frames"], f"{row['mAP']:.3f}", f"{row['mATE']:.3f}", f"{row['mAOE']:.3f}"]
+        for row in figures("benchmarks/overfit.json")["rows"]
+    ]
+    return table(["detector", "steps", "frames", "mAP on them", "mATE", "mAOE"], rows)
+
+
+def latency() -> str:
+    """One frame through each detector at the paper's size."""
+    rows = [
+        [
+            row["detector"],
+            f"{row['rig']}, {row['cameras']} cameras",
+            row["precision"],
+            f"{row['seconds']:.2f}",
+            f"{row['seconds_sfm']:.2f}",
+            f"{row['sfm_adds']:+.1%}",
+            f"{row['cold_seconds_sfm']:.2f}",
+            f"{row['peak_mb'] / 1e3:.1f} GB",
+        ]
+        for row in figures("benchmarks/latency.json")["rows"]
+    ]
+    header = ["detector", "rig", "precision", "seconds", "with SFM", "SFM adds", "first frame of a rig", "peak memory"]
+    return table(header, rows)
+
+
+def pooling() -> str:
+    """BEV pooling against the outer product."""
+    rows = [
+        [
+            row["size"],
+            f"{row['native_ms']:.1f}",
+            f"{row['plain_ms']:.1f}",
+            f"{row['ratio']:.1f} times",
+            f"{row['native_peak_mb']:.0f} MB",
+            f"{row['plain_peak_mb']:.0f} MB",
+        ]
+        for row in figures("benchmarks/bev_pool.json")["rows"]
+    ]
+    return table(["size", "native, ms", "outer product, ms", "as fast", "memory native", "memory outer product"], rows)
+
+
+def check_mistakes() -> str:
+    """Mistakes put into sound recordings, and those that are found."""
+    rows = [
+        [name, f"{row['caught']} of {row['tried']}"] for name, row in figures("benchmarks/check_mistakes.json")["rows"].items()
+    ]
+    return table(["mistake", "found"], rows)
+
+
 def novel_views() -> str:
     """Rendered against true views."""
     rows = [
@@ -132,6 +184,10 @@ TABLES = {
         transfer_long,
         transfer_of_detectors,
         training_step,
+        overfit,
+        latency,
+        pooling,
+        check_mistakes,
         novel_views,
         mesh_depth,
         real,

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 
-from coin3d.augmentation import transform_boxes
-from coin3d.detectors import Batch
 from coin3d.detectors.center_targets import center_targets
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.detectors.object_queries import PRIOR_LOGIT, ObjectQueries
-from coin3d.detectors.object_seeds import FirstBoxes, ObjectSeeds, cell_scores, centre_boxes, check_seeds, perspective_boxes
-from coin3d.detectors.perspective import perspective_targets
+from coin3d.detectors.object_seeds import FirstBoxes, ObjectSeeds, centre_boxes, check_seeds
 from coin3d.detectors.query_boxes import encode_boxes, place_boxes
 from coin3d.detectors.space_range import SpaceRange
 from coin3d.geometry import Boxes3D
-from small_world import batch, ring_rig, sample
 
-STRIDE = 8
 SPACE = SpaceRange((-25.6, -25.6, -3.0), (25.6, 25.6, 5.0))
-TURNED = torch.tensor([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1.0]])
 
 
 def cars(*places: tuple[float, float, float]) -> Boxes3D:
@@ -33,44 +25,6 @@ def cars(*places: tuple[float, float, float]) -> Boxes3D:
         [yaw for _, _, yaw in places],
         ["car"] * len(places),
     )
-
-
-def seen(boxes: Boxes3D, batch_: Batch) -> torch.Tensor:
-    """What a perfect perspective head would say; cover as logits."""
-    targets = perspective_targets([boxes] * len(batch_.cameras), batch_.cameras, STRIDE)
-    return torch.cat([20 * (targets.cover[:, None] - 0.5), targets.values], dim=1)
-
-
-def test_perspective_boxes_are_the_objects_in_the_augmented_frame() -> None:
-    here = batch(sample(0, ring_rig(4)))
-    here = replace(here, bev_from_ego=TURNED[None])
-    boxes = cars((9.0, 1.0, 0.4), (-1.0, -12.0, -2.0))
-    shown = seen(boxes, here)
-    feature = torch.arange(shown[:, :1].numel(), dtype=torch.float32).reshape(shown[:, :1].shape)
-    found = perspective_boxes(shown, torch.full_like(shown[:, 0], 0.9), feature, here, STRIDE, 40, classes=2)
-    assert found.code.shape == (1, 40, 10) and found.score.shape == (1, 40, 2) and found.feature.shape == (1, 40, 1)
-    score = found.score[0, :, 0]
-    assert (score.diff() <= 0).all() and torch.equal(found.score[..., 0], found.score[..., 1])
-    wanted = transform_boxes(boxes, TURNED.double().numpy())
-    sure = found.code[0][score > 0.3]
-    distance = np.hypot(*(sure[:, None, :2].numpy() - wanted.centre_m[None, :, :2]).transpose(2, 0, 1))
-    assert distance.min(1).max() < 0.01 and set(distance.argmin(1)) == {
-        0,
-        1,
-    }  # every sure cell is an object, and both are found
-    yaw = torch.atan2(sure[:, 6], sure[:, 7]).numpy()
-    np.testing.assert_allclose(np.cos(yaw - wanted.yaw_rad[distance.argmin(1)]), 1, atol=1e-4)
-    cell = found.feature[0, 0, 0].long()
-    assert 0.9 * cell_scores(shown).flatten()[cell] == score[0]  # the feature is that of the cell
-
-
-def test_cells_beside_a_better_one_fill_up() -> None:
-    shown = torch.full((1, 6, 4, 6), 0.0)
-    shown[0, 0] = torch.linspace(-3, 3, 24).reshape(4, 6)
-    shown[0, 1, 3, 5] = 2.0  # far from the centre it predicts
-    score = cell_scores(shown)[0]
-    assert int(score.argmax()) == 3 * 6 + 4
-    assert score[3, 3] < 0.02 < 0.5 < score[3, 4]
 
 
 def test_centre_boxes_are_the_targets_of_the_head() -> None:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 Severity = Literal["error", "warning", "note"]
+Subject = Literal["cameras", "images", "boxes", "lidar", "ground", "poses", "time", "files"]
 
 
 @dataclass(frozen=True)
@@ -17,12 +18,14 @@ class Finding:
         text: what was found, with its number.
         remedy: what to do.
         where: frame, camera or file; "" for the whole recording.
+        about: what is to be corrected.
     """
 
     severity: Severity
     text: str
     remedy: str = ""
     where: str = ""
+    about: Subject = "files"
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""

@@ -59,12 +59,14 @@ def inspect_frame(frame: Frame) -> FrameReport:
         try:
             report.images[camera] = frame.image(camera)
         except ValueError as error:
-            report.findings.append(Finding("error", str(error), "replace the file or leave the frame out", camera))
+            report.findings.append(Finding("error", str(error), "replace the file or leave the frame out", camera, "files"))
     if frame.lidar is not None:
         try:
             report.scan = frame.lidar.load()
         except ValueError as error:
-            report.findings.append(Finding("error", str(error), "replace the file or leave the frame out", frame.token))
+            report.findings.append(
+                Finding("error", str(error), "replace the file or leave the frame out", frame.token, "files")
+            )
     if report.scan is not None:
         _check_lidar(report, report.scan)
     if len(report.boxes):
@@ -79,7 +81,7 @@ def _check_lidar(report: FrameReport, scan: LidarScan) -> None:
         if not camera.sees(scan.points_ego).any():
             text = "no LiDAR point falls into the image"
             remedy = "check the pose of this camera and of the LiDAR; depth supervision has nothing to learn from here"
-            report.findings.append(Finding("warning", text, remedy, name))
+            report.findings.append(Finding("warning", text, remedy, name, "lidar"))
     if frame.boxes_world is None:
         return
     # in the world, where annotators' boxes are upright: the ego frame leans with the vehicle
@@ -97,6 +99,7 @@ def _check_lidar(report: FrameReport, scan: LidarScan) -> None:
                 f"annotated (largest difference {difference})",
                 "a few: annotated on another sweep; most: LiDAR pose, ego pose or box convention is wrong",
                 frame.token,
+                "boxes",
             )
         )
 
@@ -107,7 +110,7 @@ def _check_boxes(report: FrameReport) -> None:
     unknown = sorted(set(report.categories) - KNOWN_CATEGORIES)
     if unknown:
         text = f"unknown categories: {', '.join(unknown)}"
-        report.findings.append(Finding("warning", text, "training refuses them; rename them (docs/datasets.md)"))
+        report.findings.append(Finding("warning", text, "training refuses them; rename them (docs/datasets.md)", about="boxes"))
     report.unseen = int((~frame.rig.sees(boxes.centre_m)).sum())
     near = boxes[np.linalg.norm(boxes.centre_m[:, :2], axis=1) < _NEAR_BOX_M]
     if len(near):
@@ -120,5 +123,6 @@ def _check_boxes(report: FrameReport) -> None:
                     f"box bottoms lie {height_m:+.2f} m from the ground (median of the {len(near)} nearest boxes)",
                     "box centres must be centres of gravity, and the rig's ground the real one",
                     frame.token,
+                    "boxes",
                 )
             )

@@ -26,6 +26,7 @@ def rig_findings(rig: Rig) -> list[Finding]:
                     f"no pixel sees the ground within {_GROUND_RANGE_M:.0f} m",
                     "ground priors are empty for this camera; check its pitch, its height and the rig's ground",
                     name,
+                    "cameras",
                 )
             )
     return findings
@@ -46,6 +47,7 @@ def _mount(name: str, camera: Camera, ground: GroundPlane) -> list[Finding]:
                 f"the transform is mixed up: cam_from_ego is stored for ego_from_cam ({facts}; inverted it fits)",
                 "invert the matrix before it is stored",
                 name,
+                "cameras",
             )
         ]
     if is_plausible_mount(Pose(pose.rotation @ camera_pose(np.zeros(3)).rotation, pose.translation), ground):
@@ -55,6 +57,18 @@ def _mount(name: str, camera: Camera, ground: GroundPlane) -> list[Finding]:
                 f"the camera's axes are mixed up: they seem to be x forward, y left, z up ({facts})",
                 "the camera frame is x right, y down, z forward: multiply the rotation by the axes change from the right",
                 name,
+                "cameras",
+            )
+        ]
+    w, x, y, z = pose.quaternion
+    if is_plausible_mount(Pose.from_quaternion([z, w, x, y], pose.translation), ground):
+        return [
+            Finding(
+                "error",
+                f"the numbers of the quaternion are out of order: as x, y, z, w they fit ({facts})",
+                "quaternions are w, x, y, z: put the last number first",
+                name,
+                "cameras",
             )
         ]
     if abs(elevation_deg) > 45 or down_deg > 45:
@@ -64,10 +78,17 @@ def _mount(name: str, camera: Camera, ground: GroundPlane) -> list[Finding]:
                 f"it faces up or down, or lies on its side: {facts}",
                 "a mixed-up transform is likely: compare rotation and axes with docs/your_rig.md",
                 name,
+                "cameras",
             )
         ]
     return [
-        Finding("warning", f"an unusual height: {facts}", "positions are metres in the ego frame, from the ground up", name)
+        Finding(
+            "warning",
+            f"an unusual height: {facts}",
+            "positions are metres in the ego frame, from the ground up",
+            name,
+            "cameras",
+        )
     ]
 
 
@@ -83,6 +104,7 @@ def _intrinsics(name: str, camera: Camera) -> list[Finding]:
                 f"{camera.width_px} x {camera.height_px} image",
                 "K may belong to another image size: scale row 1 with the width, row 2 with the height; fine after a crop",
                 name,
+                "cameras",
             )
         )
     left, right = camera.rays_cam(np.array([[0.0, camera.K[1, 2]], [camera.width_px, camera.K[1, 2]]]))
@@ -90,7 +112,13 @@ def _intrinsics(name: str, camera: Camera) -> list[Finding]:
     fov_deg = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
     if not _FOV_DEG[0] < fov_deg < _FOV_DEG[1]:
         findings.append(
-            Finding("warning", f"a horizontal field of view of {fov_deg:.1f} deg", "check the focal length (pixels)", name)
+            Finding(
+                "warning",
+                f"a horizontal field of view of {fov_deg:.1f} deg",
+                "check the focal length (pixels)",
+                name,
+                "cameras",
+            )
         )
     return findings
 

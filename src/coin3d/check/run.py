@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from coin3d.check.finding import Finding
-from coin3d.check.frame_checks import FrameReport, inspect_frame
-from coin3d.check.recording_checks import coverage, ground_against_lidar, time_gaps
-from coin3d.check.rig_checks import rig_findings
-from coin3d.datasets.frame import Frame, Recording
+from coin3d.check.frame_checks import FrameReport
+from coin3d.check.inspection import inspect
 from coin3d.datasets.open import open_recording
 from coin3d.datasets.splits import SplitChoice
 from coin3d.drawing.pictures import draw_boxes, draw_ground, draw_points
@@ -98,19 +95,11 @@ def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = No
         raise ValueError(f"at least one frame has to be checked, got frames={frames}")
     path, out = Path(path), Path(out)
     recording = open_recording(path, split)
-    indices = sorted({round(i) for i in np.linspace(0, len(recording) - 1, frames)})
-    findings: list[Finding] = []
-    reports: list[FrameReport] = []
-    for index in indices:
-        frame = _frame_or_finding(recording, index, findings)
-        if frame is not None:
-            reports.append(inspect_frame(frame))
-    findings += [finding for report in reports for finding in report.findings]
+    inspection = inspect(recording, frames)
+    reports = inspection.reports
     if not any(report.readable for report in reports):
-        raise ValueError(f"{path}: nothing of the checked frames can be read; first problem: {findings[0].text}")
+        raise ValueError(f"{path}: nothing of the checked frames can be read; first problem: {inspection.findings[0].text}")
     pictures = [picture for report in reports for picture in _draw(report, out)]
-    height_m, tilt_deg, ground_findings = ground_against_lidar(reports)
-    findings += rig_findings(reports[0].frame.rig) + ground_findings + coverage(reports) + time_gaps(recording)
     result = CheckResult(
         path=path,
         frames=len(recording),
@@ -120,22 +109,14 @@ def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = No
         boxes_with_matching_lidar_count=sum(report.matching for report in reports),
         boxes_in_no_image=sum(report.unseen for report in reports),
         categories=dict(sum((report.categories for report in reports), Counter())),
-        ground_height_m=height_m,
-        ground_tilt_deg=tilt_deg,
-        findings=_sorted(findings),
+        ground_height_m=inspection.ground_height_m,
+        ground_tilt_deg=inspection.ground_tilt_deg,
+        findings=inspection.findings,
         pictures=tuple(pictures),
     )
     _write_json(result.as_dict(), out / "result.json")
     print(result.summary())
     return result
-
-
-def _frame_or_finding(recording: Recording, index: int, findings: list[Finding]) -> Frame | None:
-    try:
-        return recording[index]
-    except ValueError as error:
-        findings.append(Finding("error", str(error), "correct the recording", f"frame {index}"))
-        return None
 
 
 def _draw(report: FrameReport, out: Path) -> list[Path]:
@@ -170,11 +151,6 @@ def _as_seen(rig: Rig) -> list[str]:
     ahead = [name for name in rig if abs(rig[name].yaw_rad) < np.deg2rad(95)]
     behind = [name for name in rig if name not in ahead]
     return sorted(ahead, key=lambda n: -rig[n].yaw_rad) + sorted(behind, key=lambda n: rig[n].yaw_rad % (2 * np.pi))
-
-
-def _sorted(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    order = {"error": 0, "warning": 1, "note": 2}
-    return tuple(sorted(dict.fromkeys(findings), key=lambda finding: order[finding.severity]))
 
 
 def _write_json(content: dict[str, Any], path: Path) -> None:

@@ -11,19 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
-from coin3d.detectors.batch import Batch
 from coin3d.detectors.lift_splat import BevGrid
 from coin3d.detectors.object_queries import PRIOR_LOGIT, ObjectQueries
-from coin3d.detectors.perspective import lift_perspective
 from coin3d.detectors.position_embedding_3d import sine_code
 from coin3d.detectors.query_boxes import HEADING, PLACE, VELOCITY
 from coin3d.detectors.space_range import SpaceRange
 
-_CENTRE_SHARPNESS = 4.0  # a cell beside that of the centre counts exp(-1)
 _BESIDE_A_PEAK = 0.01  # such cells only fill up
 _EDGE = 0.005  # places keep clear of the ends of the range, where shifts in logits move nothing
 _SUREST = 1e-3  # no score is taken to be closer to 0 or 1
@@ -74,44 +71,6 @@ class ObjectSeeds(nn.Module):
         return ObjectQueries(place, self.position(position), content, start, score.logit() - PRIOR_LOGIT)
 
 
-def perspective_boxes(
-    shown: Float[Tensor, "m 6 h w"],
-    sure: Float[Tensor, "m h w"],
-    feature: Float[Tensor, "m f h w"],
-    batch: Batch,
-    stride: int,
-    count: int,
-    classes: int,
-) -> FirstBoxes:
-    """The best cells of a perspective head, which knows neither sizes nor classes.
-
-    Args:
-        shown: what it says.
-        sure: how far to trust its distances, 0..1.
-        feature: what it was predicted from.
-        batch: cameras and BEV augmentation.
-        stride: pixels per cell.
-        count: boxes of each sample; samples with fewer cells repeat their last one.
-        classes: all get the same score.
-    """
-    with torch.autocast(feature.device.type, enabled=False):
-        shown = shown.detach().float()
-        points_ego, headings_ego = lift_perspective(shown, batch.cameras, stride)
-        turn = batch.bev_from_ego[batch.sample_index].to(points_ego)
-        points = torch.einsum("mij,mjhw->mhwi", turn, points_ego)
-        cosine, sine = F.normalize(torch.einsum("mij,mjhw->mhwi", turn[:, :2, :2], headings_ego), dim=-1).unbind(-1)
-        x, y, z = points.unbind(-1)
-        unknown = torch.zeros_like(x)
-        code = torch.stack([x, y, unknown, unknown, z, unknown, sine, cosine, unknown, unknown], dim=-1)
-        score = cell_scores(shown) * sure
-    cells = _best_cells(score, batch.sample_index, batch.num_samples, count)
-    return FirstBoxes(
-        code.flatten(0, 2)[cells],
-        score.flatten()[cells][..., None].expand(-1, -1, classes),
-        feature.permute(0, 2, 3, 1).flatten(0, 2)[cells],
-    )
-
-
 def centre_boxes(
     maps: dict[str, Float[Tensor, "b _ y x"]], bev: Float[Tensor, "b f y x"], grid: BevGrid, count: int
 ) -> FirstBoxes:
@@ -141,14 +100,6 @@ def centre_boxes(
     return FirstBoxes(at(code), at(score.permute(0, 2, 3, 1)), at(bev.permute(0, 2, 3, 1)))
 
 
-def cell_scores(shown: Float[Tensor, "m 6 h w"]) -> Float[Tensor, "m h w"]:
-    """How likely each image cell is the centre of an object: its cover, less with its distance from the centre it predicts.
-
-    Cells beside a better one are put far back.
-    """
-    return _peaks(shown[:, :1].sigmoid() * torch.exp(-_CENTRE_SHARPNESS * shown[:, 1:3].square().sum(1, keepdim=True)))[:, 0]
-
-
 def check_seeds(seeds: int, dense_weight: float, is_released: bool) -> None:
     """For configurations.
 
@@ -166,14 +117,3 @@ def check_seeds(seeds: int, dense_weight: float, is_released: bool) -> None:
 def _peaks(score: Float[Tensor, "b k h w"]) -> Float[Tensor, "b k h w"]:
     best_around = F.max_pool2d(score, 3, stride=1, padding=1)
     return torch.where(score < best_around, score * _BESIDE_A_PEAK, score)
-
-
-def _best_cells(score: Float[Tensor, "m h w"], sample_index: Int[Tensor, "m"], samples: int, count: int) -> Int[Tensor, "b p"]:
-    index = torch.arange(score.numel(), device=score.device).reshape(score.shape)
-    chosen = []
-    for sample in range(samples):
-        own = sample_index == sample
-        best = torch.topk(score[own].flatten(), min(count, score[own].numel())).indices
-        best = torch.cat([best, best[-1:].expand(count - len(best))])
-        chosen.append(index[own].flatten()[best])
-    return torch.stack(chosen)

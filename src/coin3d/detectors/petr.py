@@ -16,8 +16,9 @@ from coin3d.detectors.batch import Batch
 from coin3d.detectors.image_feature import attach_neck, image_feature
 from coin3d.detectors.method import Method
 from coin3d.detectors.object_queries import PRIOR_LOGIT, ObjectQueries
-from coin3d.detectors.object_seeds import ObjectSeeds, perspective_boxes
+from coin3d.detectors.object_seeds import ObjectSeeds
 from coin3d.detectors.perspective_bins import BinnedPerspectiveHead
+from coin3d.detectors.perspective_votes import perspective_boxes
 from coin3d.detectors.petr_config import V2_99, PETRConfig
 from coin3d.detectors.petr_decoder import QueryDecoder, gather_samples, sample_padding
 from coin3d.detectors.position_embedding_3d import CameraSineEmbedding, PositionEmbedding3D, sine_code

@@ -16,6 +16,7 @@ from coin3d.records import to_plain, write_json
 from coin3d.rendering.gaussian_folder import GaussianFolder
 from coin3d.training.checkpoint import build_detector, describe, load_trunk, load_weights
 from coin3d.training.curves import draw_curves
+from coin3d.training.denormals import denormals_flushed
 from coin3d.training.loop import LOG_FILE, WEIGHTS_FILE, fit
 from coin3d.training.options import TrainOptions
 from coin3d.training.run_dir import environment, fingerprint, git_state
@@ -24,6 +25,7 @@ from coin3d.training.samples import TrainingSamples
 RUN_FILE = "run.json"
 
 
+@denormals_flushed()
 def train(
     data: Sequence[Path],
     out: Path,
