@@ -103,7 +103,7 @@ def test_what_cannot_be_chosen(tiny_recording: Path, tmp_path: Path) -> None:
 def test_coverage_says_how_much_of_a_split_is_there() -> None:
     assert coverage("val", ["scene-0003", "scene-0012"]) == "2 of the 150 scenes of nuscenes val"
     assert coverage(None, ["a", "b", "a"]) == "2 scenes"
-    assert coverage("night.txt", ["a"]) == "1 scenes of night.txt"
+    assert coverage("night.txt", ["a"]) == "1 scene of night.txt"
     assert data_set_of(["host-a004-lidar0-1233080749298771736-1233080774198118416"]) == "lyft"
     assert data_set_of(["town-0000"]) is None
     assert chosen_scenes(None, ["b", "a"], "here") == ["b", "a"]

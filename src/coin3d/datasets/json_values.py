@@ -36,7 +36,7 @@ def known_keys(entry: Any, allowed: Collection[str], where: str, required: Colle
     if not isinstance(entry, dict):
         raise ValueError(f"{where}: an object in braces is expected, got {shown(entry)}")
     if unknown := [key for key in entry if key not in allowed]:
-        near = difflib.get_close_matches(unknown[0], list(allowed), 1)
+        near = difflib.get_close_matches(unknown[0], list(allowed), 1, cutoff=0.75)
         hint = f"did you mean {near[0]}? " if near else ""
         raise ValueError(f"{where}: unknown key {shown(unknown[0])}; {hint}known are {', '.join(allowed)}")
     if missing := [key for key in required if key not in entry]:

@@ -67,12 +67,14 @@ def chosen_scenes(split: SplitChoice | None, available: Sequence[str], where: st
 
 def coverage(split: SplitChoice | None, scenes: Collection[str]) -> str:
     """One phrase for results: which part of a split these scenes are."""
+    count = len(set(scenes))
+    here = f"{count} scene{'s' * (count != 1)}"
     if split is None:
-        return f"{len(set(scenes))} scenes"
+        return here
     data_set = data_set_of(scenes)
     if isinstance(split, str) and data_set is not None and split in known_splits()[data_set]:
-        return f"{len(set(scenes))} of the {len(known_splits()[data_set][split])} scenes of {data_set} {split}"
-    return f"{len(set(scenes))} scenes of {split if isinstance(split, str | Path) else 'a list'}"
+        return f"{count} of the {len(known_splits()[data_set][split])} scenes of {data_set} {split}"
+    return f"{here} of {split if isinstance(split, str | Path) else 'a list'}"
 
 
 def read_names(path: Path) -> list[str]:
