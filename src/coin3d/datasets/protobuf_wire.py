@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -21,8 +21,7 @@ _MAX_VARINT_BYTES = 10
 _DOUBLE = struct.Struct("<d")
 
 
-@dataclass(frozen=True)
-class Field:
+class Field(NamedTuple):
     """One field as it lies in the bytes.
 
     Args:
