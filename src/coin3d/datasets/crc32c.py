@@ -50,7 +50,7 @@ def masked_crc32c(data: bytes | memoryview) -> int:
 def _folded(rows: UInt32[np.ndarray, "n w"]) -> UInt32[np.ndarray, "w"]:
     """The row that stands for all rows: Horner's scheme with x^(bits of a row)."""
     low, high = _multiplier(4 * rows.shape[1])
-    total = rows[0].copy()
+    total: np.ndarray = rows[0].copy()
     for row in rows[1:]:
         total = _times(total, low, high)
         total ^= row
@@ -91,7 +91,7 @@ def _power(exponent: int) -> int:
 
 
 def _product(a: int, b: int) -> int:
-    """a b modulo the polynomial."""
+    """Product of two polynomials modulo that of the checksum."""
     result = 0
     for power in range(32):  # b is b x^power here
         if a & (_ONE >> power):

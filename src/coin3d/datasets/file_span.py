@@ -50,8 +50,8 @@ class FileSpan:
     def __post_init__(self) -> None:
         if self.start < 0 or self.length < 0 or self.start + self.length > self.stamp.size:
             raise ValueError(
-                f"{self.path}: bytes {self.start} to {self.start + self.length} of a file of {self.stamp.size}: it is cut short; "
-                "copy it again"
+                f"{self.path}: bytes {self.start} to {self.start + self.length} of a file of {self.stamp.size}: it is cut "
+                "short; copy it again"
             )
 
     def within(self, start: int, end: int) -> FileSpan:

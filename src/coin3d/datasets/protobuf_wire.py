@@ -72,7 +72,7 @@ def read_field(data: bytes, start: int, end: int, where: str, size: int | None =
     tag, after = read_varint(data, start, end, where)
     number, kind = tag >> 3, tag & 7
     if not 0 < number < 1 << 29 or kind not in _KINDS:
-        raise ValueError(f"{where}: byte {start}: no field starts so (number {number}, wire type {kind}); the record is damaged")
+        raise ValueError(f"{where}: byte {start}: no field begins so (number {number}, kind {kind}); the record is damaged")
     if kind == _VARINT:
         value, stop = read_varint(data, after, end, where)
         return Field(number, kind, value, after, stop)
@@ -81,7 +81,7 @@ def read_field(data: bytes, start: int, end: int, where: str, size: int | None =
     else:
         length = 8 if kind == _FIXED64 else 4
     if length > (end if size is None else size) - after:
-        raise ValueError(f"{where}: byte {start}: field {number} is {length} bytes long, longer than its message; it is damaged")
+        raise ValueError(f"{where}: byte {start}: field {number} of {length} bytes leaves its message; the record is damaged")
     return Field(number, kind, 0, after, after + length)
 
 

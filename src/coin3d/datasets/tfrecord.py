@@ -1,5 +1,7 @@
-"""TFRecord files: records one after another, each with its length and two checksums (spec: length, masked CRC-32C of the
-length, payload, masked CRC-32C of the payload, all little endian)."""
+"""TFRecord files: one record after another, each framed by its length and two checksums.
+
+A record is its length in 8 bytes, the masked CRC-32C of these bytes, the payload, and its masked CRC-32C, little endian.
+"""
 
 from __future__ import annotations
 

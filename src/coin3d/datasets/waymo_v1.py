@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -68,7 +69,7 @@ class WaymoV1Recording:
         found: dict[tuple[str, int], tuple[Path, FileStamp, RecordEntry]] = {}
         for path in _files(root, split):
             stamp = FileStamp.of(path)
-            for entry in indexed(path, RecordEntry, lambda path=path: _entries(path)):
+            for entry in indexed(path, RecordEntry, partial(_entries, path)):
                 other = found.setdefault((entry.segment, entry.timestamp_us), (path, stamp, entry))
                 if other[2] is not entry:
                     raise ValueError(
