@@ -38,7 +38,8 @@ def crc32c(data: bytes | memoryview) -> int:
     for width in _ROWS_OF_WORDS:
         if len(words) > width:
             words = _folded(words.reshape(-1, width))
-    return int(_times(words, *_multiplier(4))[0]) ^ 0xFFFFFFFF
+    low, high = _multiplier(4)
+    return int(low[words[0] & 0xFFFF] ^ high[words[0] >> 16]) ^ 0xFFFFFFFF
 
 
 def masked_crc32c(data: bytes | memoryview) -> int:
@@ -50,19 +51,10 @@ def masked_crc32c(data: bytes | memoryview) -> int:
 def _folded(rows: UInt32[np.ndarray, "n w"]) -> UInt32[np.ndarray, "w"]:
     """The row that stands for all rows: Horner's scheme with x^(bits of a row)."""
     low, high = _multiplier(4 * rows.shape[1])
-    total: np.ndarray = rows[0].copy()
+    total: np.ndarray = rows[0]
     for row in rows[1:]:
-        total = _times(total, low, high)
-        total ^= row
+        total = low[total & 0xFFFF] ^ high[total >> 16] ^ row
     return total
-
-
-def _times(
-    words: UInt32[np.ndarray, "w"], low: UInt32[np.ndarray, "65536"], high: UInt32[np.ndarray, "65536"]
-) -> UInt32[np.ndarray, "w"]:
-    product: np.ndarray = low[words & 0xFFFF]
-    product ^= high[words >> 16]
-    return product
 
 
 @lru_cache(maxsize=len(_ROWS_OF_WORDS))
