@@ -8,7 +8,7 @@ from coin3d.datasets.frame import Frame
 
 
 def assert_same(read: Frame, truth: Frame, *, metres: float = 1e-6) -> None:
-    """Everything but own-vehicle masks and lenses; ``metres`` is the precision of the format."""
+    """Everything but own-vehicle masks; ``metres`` is the precision of the format."""
     names = ("token", "timestamp_ns", "scene", "previous", "next")
     assert [getattr(read, n) for n in names] == [getattr(truth, n) for n in names]
     np.testing.assert_allclose(read.world_from_ego.matrix, truth.world_from_ego.matrix, atol=metres)
@@ -16,6 +16,7 @@ def assert_same(read: Frame, truth: Frame, *, metres: float = 1e-6) -> None:
     for name, camera in truth.rig.items():
         assert (read.rig[name].width_px, read.rig[name].height_px) == (camera.width_px, camera.height_px)
         np.testing.assert_allclose(read.rig[name].K, camera.K, rtol=1e-9)
+        assert read.rig[name].lens == camera.lens
         np.testing.assert_allclose(read.rig[name].ego_from_cam.matrix, camera.ego_from_cam.matrix, atol=metres)
         np.testing.assert_array_equal(read.image(name), truth.image(name))
     assert (read.boxes_world is None) == (truth.boxes_world is None)

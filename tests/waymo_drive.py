@@ -8,12 +8,12 @@ pixel by pixel from the format's description. Cars and pedestrians stand around;
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from coin3d.datasets.frame import Frame, LidarScan
-from coin3d.geometry import Boxes3D, Camera, Pose, Rig, preset_rig
+from coin3d.geometry import Boxes3D, BrownConrady, Camera, Pose, Rig, preset_rig
 
 CAMERA_NUMBERS = {"FRONT": 1, "FRONT_LEFT": 2, "FRONT_RIGHT": 3, "SIDE_LEFT": 4, "SIDE_RIGHT": 5}
 LASER_NUMBERS = {"TOP": 1, "FRONT": 2, "SIDE_LEFT": 3, "SIDE_RIGHT": 4, "REAR": 5}
@@ -21,6 +21,7 @@ LABEL_NUMBERS = {"UNKNOWN": 0, "VEHICLE": 1, "PEDESTRIAN": 2, "SIGN": 3, "CYCLIS
 START_US = 1_553_735_853_462_203
 GROUND_M = -160.0
 WIDTH_PX = 96
+DISTORTION = [0.05, -0.3, 1e-3, -2e-3, 0.01]
 
 # what of Waymo's axes of a camera (x forward, y left, z up) points along x right, y down, z forward
 AXES = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -90,12 +91,13 @@ def vehicle_pose(metres: float) -> Pose:
 def make_drive(segment: str = "1024360_3580_000_3600_000", frames: int = 3, lidar: bool = True, blank: bool = False) -> Drive:
     """The drive; with ``blank`` images that hardly take room."""
     rng = np.random.default_rng(0)
-    mounts = dict(preset_rig("waymo", WIDTH_PX))
+    lens = BrownConrady(*DISTORTION)
+    mounts = {name: replace(camera, lens=lens) for name, camera in preset_rig("waymo", WIDTH_PX).items()}
     lasers = {
         "TOP": Laser(Pose.from_euler(2.6, 0.01, 0.002, (1.43, 0.0, 2.18)), -0.3, 0.04, [-0.30, -0.21, -0.13, -0.07, -0.02, 0.04]),
         "REAR": Laser(Pose.from_euler(math.pi, 0.0, 0.0, (-1.0, 0.1, 0.9)), -0.9, 0.2, []),
     }
-    drive = Drive(segment, [], mounts, [0.05, -0.3, 1e-3, -2e-3, 0.0], [], lasers if lidar else {}, [])
+    drive = Drive(segment, [], mounts, DISTORTION, [], lasers if lidar else {}, [])
     tokens = ["", *(f"{segment}-{START_US + 100_000 * k}" for k in range(frames)), ""]
     for k in range(frames):
         pose = vehicle_pose(k)

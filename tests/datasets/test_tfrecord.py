@@ -11,7 +11,7 @@ from coin3d.datasets.file_span import FileSpan
 from coin3d.datasets.tfrecord import read_payload, record_spans
 from waymo_writer import masked_crc, record
 
-PAYLOADS = [b"first", b"", bytes(300)]
+PAYLOADS = [b"first", b"", bytes(100)]
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def path(tmp_path: Path) -> Path:
 
 def test_records_come_in_order(path: Path) -> None:
     spans = list(record_spans(path))
-    assert [(s.start, s.length) for s in spans] == [(12, 5), (12 + 5 + 16, 0), (12 + 5 + 16 + 16, 300)]
+    assert [(s.start, s.length) for s in spans] == [(12, 5), (12 + 5 + 16, 0), (12 + 5 + 16 + 16, 100)]
     assert [read_payload(span) for span in spans] == PAYLOADS
 
 
@@ -71,7 +71,7 @@ def test_a_file_that_changed_is_not_read_on(path: Path) -> None:
 def test_spans_stay_inside(path: Path) -> None:
     span = list(record_spans(path))[2]
     assert span.within(2, 6).read() == bytes(4)
-    with pytest.raises(ValueError, match="of a range of 300"):
-        span.within(5, 301)
+    with pytest.raises(ValueError, match="of a range of 100"):
+        span.within(5, 101)
     with pytest.raises(ValueError, match="cut short"):
         FileSpan(span.path, span.stamp, span.start, 10_000)

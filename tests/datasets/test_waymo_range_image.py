@@ -92,7 +92,7 @@ def test_pixels_without_return_are_no_points() -> None:
     ("picture", "poses", "message"),
     [
         (np.ones((2, 4, 4)), None, "a range image of 2 rows, but a calibration of 1"),
-        (np.ones((1, 4, 1)), None, "rows x columns x"),
+        (np.ones((1, 4, 1)), None, "a range image is rows x columns x"),
         (np.ones((1, 4, 4)), np.ones((1, 5, 6)), "pixel poses of shape .1, 5, 6. for a range image of .1, 4, 4."),
         (np.full((1, 4, 4), np.inf), None, "a range is not finite"),
         (np.ones((1, 4, 4)), np.full((1, 4, 6), np.nan), "the pose of a pixel is not finite"),

@@ -8,6 +8,7 @@ from coin3d.datasets.dgp import DgpRecording, is_dgp
 from coin3d.datasets.folder import RIG_FILE, FolderRecording
 from coin3d.datasets.frame import Recording
 from coin3d.datasets.nuscenes_format import NuScenesRecording
+<<<<<<< HEAD
 from coin3d.datasets.waymo_v1 import WaymoV1Recording, is_waymo_v1
 from coin3d.datasets.waymo_v2 import WaymoV2Recording, is_waymo_v2
 
@@ -16,6 +17,19 @@ def open_recording(path: Path | str) -> Recording:
     """The recording in a folder: a user's images with ``rig.yaml``, nuScenes-format tables, DGP (DDAD) scenes, or Waymo.
 
     A single TFRecord file of Waymo opens as well.
+=======
+from coin3d.datasets.undistorted import UndistortedRecording
+from coin3d.geometry.undistort import has_lens
+
+
+def open_recording(path: Path | str, undistort: bool = True) -> Recording:
+    """The recording in a folder: a user's images with ``rig.yaml``, nuScenes-format tables, or DGP (DDAD) scenes.
+>>>>>>> bf66910d13dc9f5b0d7f04684050cd5e49d57e40
+
+    Args:
+        path: the folder.
+        undistort: give frames of pinhole cameras, images resampled when they are loaded, where the calibration has lenses;
+            otherwise frames come as they were recorded.
 
     Raises:
         FileNotFoundError: nothing there, or nothing that looks like a recording.
@@ -27,8 +41,11 @@ def open_recording(path: Path | str) -> Recording:
     if not path.is_dir():
         raise FileNotFoundError(f"{path}: no such folder; give the folder of a recording")
     if (path / RIG_FILE).is_file():
-        return FolderRecording(path)
-    if any(next(path.glob(pattern), None) for pattern in ("sample.json", "*/sample.json", "*/*/sample.json")):
+        folder = FolderRecording(path)
+        return UndistortedRecording(folder) if undistort and has_lens(folder.rig) else folder
+    if any(
+        next(path.glob(pattern), None) for pattern in ("sample.json", "*/sample.json", "*/*/sample.json")
+    ):  # tables that have no place for a lens
         return NuScenesRecording(path)
     if is_waymo_v2(path):
         return WaymoV2Recording(path)

@@ -14,7 +14,7 @@ from coin3d.datasets.frame import Frame
 from coin3d.datasets.image_source import ImageSource
 from coin3d.datasets.own_vehicle import own_vehicle_masks
 from coin3d.datasets.waymo_range_image import LaserCalibration, LaserImagesSource, WaymoLidar
-from coin3d.geometry import Boxes3D, Camera, Lens, Pinhole, Pose, Rig, camera_pose
+from coin3d.geometry import Boxes3D, BrownConrady, Camera, Lens, Pinhole, Pose, Rig, camera_pose
 
 CAMERA_NAMES = {1: "FRONT", 2: "FRONT_LEFT", 3: "FRONT_RIGHT", 4: "SIDE_LEFT", 5: "SIDE_RIGHT"}
 """Number in the files -> name; frames have their cameras in this order, which is that of the rig preset ``waymo``."""
@@ -206,5 +206,8 @@ def number_of(value: int | None, names: Mapping[int, str], where: str) -> int:
 
 
 def _lens(coefficients: Float[np.ndarray, "5"]) -> Lens:
-    """The lens of k1, k2, p1, p2, k3."""
-    return Pinhole()
+    """The lens of k1, k2, p1, p2, k3; a pinhole where all are zero."""
+    if not coefficients.any():
+        return Pinhole()
+    k1, k2, p1, p2, k3 = coefficients.tolist()
+    return BrownConrady(k1=k1, k2=k2, p1=p1, p2=p2, k3=k3)

@@ -125,7 +125,7 @@ class WaymoLidar:
 def laser_points(
     image: Float[np.ndarray, "h w c"],
     calibration: LaserCalibration,
-    pixel_poses: Float[np.ndarray, "h w 6"] | None,
+    pixel_poses: Float[np.ndarray, "rows columns numbers"] | None,
     world_from_ego: Pose,
 ) -> Float[np.ndarray, "n 3"]:
     """Points of a range image in the ego frame, row by row, pixels without a return left out.
@@ -133,7 +133,7 @@ def laser_points(
     Args:
         image: range in metres, intensity, and more.
         calibration: of the laser.
-        pixel_poses: roll, pitch, yaw, x, y, z of the vehicle in the world at every pixel, None for lasers without.
+        pixel_poses: (h, w, 6) roll, pitch, yaw, x, y, z of the vehicle in the world at every pixel, None for lasers without.
         world_from_ego: pose of the frame.
 
     Raises:
@@ -146,6 +146,8 @@ def laser_points(
         raise ValueError(f"pixel poses of shape {pixel_poses.shape} for a range image of {image.shape}")
     rows, columns = np.nonzero(image[..., 0] > 0)
     range_m = image[rows, columns, 0].astype(np.float64)
+    if not np.isfinite(range_m).all():
+        raise ValueError("a range is not finite; the range image is damaged")
     inclination = calibration.rows_rad(height)[rows]
     azimuth = calibration.columns_rad(width)[columns]
     flat_m = range_m * np.cos(inclination)
@@ -156,8 +158,6 @@ def laser_points(
         if not np.isfinite(poses).all():
             raise ValueError("the pose of a pixel is not finite; the range image is damaged")
         points = _into_one_instant(points, poses, world_from_ego)
-    if not np.isfinite(points).all():
-        raise ValueError("a range is not finite; the range image is damaged")
     return points
 
 
