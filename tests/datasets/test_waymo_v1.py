@@ -15,6 +15,7 @@ from coin3d.datasets.file_span import EncodedImage
 from coin3d.datasets.open import open_recording
 from coin3d.datasets.waymo_v1 import WaymoV1Recording
 from coin3d.datasets.waymo_v1_frame import read_matrix
+from coin3d.geometry import BrownConrady, Pinhole
 from same_frames import assert_same
 from waymo_drive import Drive, make_drive
 from waymo_writer import content, frame_payload, matrix, packed, png, real, record, varint, whole, write_v1
@@ -70,14 +71,22 @@ def open_minimal(folder: Path, **changes: bytes) -> WaymoV1Recording:
 
 
 def test_a_drive_comes_back(written: Path, drive: Drive) -> None:
-    recording = open_recording(written.parent)
+    recording = open_recording(written.parent, undistort=False)
     assert isinstance(recording, WaymoV1Recording) and len(recording) == 3
     for read, truth in zip(recording, drive.frames, strict=True):
         assert_same(read, truth)
-    single = open_recording(written)  # the file alone
+    single = open_recording(written, undistort=False)  # the file alone
     assert_same(single[-1], drive.frames[-1])
     with pytest.raises(IndexError):
         single[3]
+
+
+def test_lenses_are_taken_out_unless_asked_not_to(written: Path, drive: Drive) -> None:
+    bent = open_recording(written, undistort=False)[0].rig["FRONT"].lens
+    assert bent == BrownConrady(*drive.distortion)
+    straight = open_recording(written)[0]
+    assert all(isinstance(camera.lens, Pinhole) for camera in straight.rig.values())
+    assert straight.image("FRONT").shape == drive.frames[0].image("FRONT").shape
 
 
 def test_both_returns(written: Path, drive: Drive) -> None:
@@ -147,7 +156,7 @@ def test_segments_and_splits(tmp_path: Path) -> None:
     put("training", "b", 20, 10)
     put("training", "a", 15)
     put("validation", "c", 5)
-    recording = open_recording(tmp_path)
+    recording = open_recording(tmp_path, undistort=False)
     assert [(f.token, f.previous, f.next) for f in recording] == [
         ("a-15", "", ""), ("b-10", "", "b-20"), ("b-20", "b-10", ""), ("c-5", "", ""),
     ]  # fmt: skip
@@ -157,7 +166,7 @@ def test_segments_and_splits(tmp_path: Path) -> None:
             WaymoV1Recording(tmp_path, split=split)
     shutil.copy(tmp_path / "training/a.tfrecord", tmp_path / "copy.tfrecord")
     with pytest.raises(ValueError, match=r"a\.tfrecord: holds the frame a-15 that is in .*copy\.tfrecord as well"):
-        open_recording(tmp_path)
+        open_recording(tmp_path, undistort=False)
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "a.tfrecord").write_bytes(b"")
     with pytest.raises(ValueError, match="hold no frames"):

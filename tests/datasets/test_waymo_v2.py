@@ -49,7 +49,7 @@ def with_column(table: pa.Table, name: str, values: list[Any]) -> pa.Table:
 
 
 def test_a_drive_comes_back(written: Path, drive: Drive) -> None:
-    recording = open_recording(written)
+    recording = open_recording(written, undistort=False)
     assert isinstance(recording, WaymoV2Recording) and len(recording) == 3
     for read, truth in zip(recording, drive.frames, strict=True):
         assert_same(read, truth)
@@ -70,7 +70,7 @@ def test_splits_and_segments(tmp_path: Path, drive: Drive) -> None:
     write_v2(tmp_path / "training", drive)
     other = make_drive("0_other", frames=1, lidar=False)
     write_v2(tmp_path / "validation", other)
-    recording = open_recording(tmp_path)
+    recording = open_recording(tmp_path, undistort=False)
     assert [f.token for f in recording] == [f.token for f in (*other.frames, *drive.frames)]
     assert (recording[0].next, recording[1].previous) == ("", "")
     assert_same(WaymoV2Recording(tmp_path, split="validation")[0], other.frames[0])
@@ -79,7 +79,7 @@ def test_splits_and_segments(tmp_path: Path, drive: Drive) -> None:
             WaymoV2Recording(tmp_path, split=split)
     shutil.copytree(tmp_path / "training", tmp_path / "again")
     with pytest.raises(ValueError, match=r"training.*holds the frame .* that is in .*again.* as well; remove one"):
-        open_recording(tmp_path)
+        open_recording(tmp_path, undistort=False)
 
 
 @pytest.mark.parametrize(("missing", "has_boxes", "has_lidar"), [
@@ -149,7 +149,7 @@ def test_without_pyarrow_it_says_what_to_install(root: Path, monkeypatch: pytest
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(ImportError, match=r"pip install 'coin3d\[waymo\]'"):
-        open_recording(root)
+        open_recording(root, undistort=False)
 
 
 CHANGES: list[tuple[str, Callable[[pa.Table], pa.Table], str]] = [

@@ -8,26 +8,17 @@ from coin3d.datasets.dgp import DgpRecording, is_dgp
 from coin3d.datasets.folder import RIG_FILE, FolderRecording
 from coin3d.datasets.frame import Recording
 from coin3d.datasets.nuscenes_format import NuScenesRecording
-<<<<<<< HEAD
+from coin3d.datasets.undistorted import UndistortedRecording
 from coin3d.datasets.waymo_v1 import WaymoV1Recording, is_waymo_v1
 from coin3d.datasets.waymo_v2 import WaymoV2Recording, is_waymo_v2
-
-
-def open_recording(path: Path | str) -> Recording:
-    """The recording in a folder: a user's images with ``rig.yaml``, nuScenes-format tables, DGP (DDAD) scenes, or Waymo.
-
-    A single TFRecord file of Waymo opens as well.
-=======
-from coin3d.datasets.undistorted import UndistortedRecording
 from coin3d.geometry.undistort import has_lens
 
 
 def open_recording(path: Path | str, undistort: bool = True) -> Recording:
-    """The recording in a folder: a user's images with ``rig.yaml``, nuScenes-format tables, or DGP (DDAD) scenes.
->>>>>>> bf66910d13dc9f5b0d7f04684050cd5e49d57e40
+    """The recording in a folder: a user's images with ``rig.yaml``, nuScenes-format tables, DGP (DDAD) scenes, or Waymo.
 
     Args:
-        path: the folder.
+        path: the folder; of Waymo also a single TFRecord file.
         undistort: give frames of pinhole cameras, images resampled when they are loaded, where the calibration has lenses;
             otherwise frames come as they were recorded.
 
@@ -37,7 +28,7 @@ def open_recording(path: Path | str, undistort: bool = True) -> Recording:
     """
     path = Path(path)
     if path.is_file() and is_waymo_v1(path):
-        return WaymoV1Recording(path)
+        return _with_lenses(WaymoV1Recording(path), undistort)
     if not path.is_dir():
         raise FileNotFoundError(f"{path}: no such folder; give the folder of a recording")
     if (path / RIG_FILE).is_file():
@@ -48,9 +39,9 @@ def open_recording(path: Path | str, undistort: bool = True) -> Recording:
     ):  # tables that have no place for a lens
         return NuScenesRecording(path)
     if is_waymo_v2(path):
-        return WaymoV2Recording(path)
+        return _with_lenses(WaymoV2Recording(path), undistort)
     if is_waymo_v1(path):
-        return WaymoV1Recording(path)
+        return _with_lenses(WaymoV1Recording(path), undistort)
     if is_dgp(path):
         return DgpRecording(path)
     raise FileNotFoundError(
@@ -58,3 +49,8 @@ def open_recording(path: Path | str, undistort: bool = True) -> Recording:
         "(nuScenes-format tables), for a JSON file with scene_splits (DDAD), for *.tfrecord and camera_image/*.parquet (Waymo); "
         "see docs/datasets.md"
     )
+
+
+def _with_lenses(recording: Recording, undistort: bool) -> Recording:
+    """A recording of a format that always has lenses."""
+    return UndistortedRecording(recording) if undistort else recording
