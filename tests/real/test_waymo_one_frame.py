@@ -82,6 +82,8 @@ def edge_errors_px(frame: Frame, theirs: dict[tuple[str, str], np.ndarray], pinh
         if pinhole:
             camera = type(camera)(camera.K, camera.width_px, camera.height_px, camera.ego_from_cam, Pinhole())
         pixels, depth_m = camera.project(boxes.corners()[ids.index(instance)])
+        if not np.isfinite(pixels).all():
+            continue  # a corner where the lens formula ends
         left, top = pixels.min(0)
         right, bottom = pixels.max(0)
         if depth_m.min() > 1 and min(left, top) > 2 and right < camera.width_px - 2 and bottom < camera.height_px - 2:
@@ -93,7 +95,7 @@ def test_boxes_project_to_where_waymo_projects_them(frame: Frame, waymo_one_fram
     theirs = projected_labels(waymo_one_frame)
     errors = edge_errors_px(frame, theirs, pinhole=False)
     assert len(errors) > 30
-    assert np.abs(np.median(errors, axis=0)).max() < 1.0, "no shift between their pixels and ours"
-    assert np.median(np.abs(errors)) < 2.0
+    assert np.abs(np.median(errors, axis=0)).max() < 0.1, "no shift between their pixels and ours"
+    assert np.percentile(np.abs(errors), 90) < 0.5
     without = edge_errors_px(frame, theirs, pinhole=True)
     assert np.percentile(np.abs(without), 90) > 2 * np.percentile(np.abs(errors), 90), "the lens is there for a reason"
