@@ -77,13 +77,14 @@ class CheckResult:
         return "\n".join([*lines, *(f"picture: {picture}" for picture in self.pictures)])
 
 
-def check(path: Path, out: Path, frames: int = 3) -> CheckResult:
+def check(path: Path, out: Path, frames: int = 3, undistort: bool = True) -> CheckResult:
     """Check a recording: pictures, counts and findings go to ``out``, and a summary is printed.
 
     Args:
         path: folder of the recording.
         out: folder for ``result.json`` and the pictures; made if missing.
         frames: how many frames to look at, spread evenly over the recording.
+        undistort: as ``open_recording`` takes it.
 
     Raises:
         FileNotFoundError: not a recording.
@@ -92,7 +93,7 @@ def check(path: Path, out: Path, frames: int = 3) -> CheckResult:
     if frames < 1:
         raise ValueError(f"at least one frame has to be checked, got frames={frames}")
     path, out = Path(path), Path(out)
-    recording = open_recording(path)
+    recording = open_recording(path, undistort)
     inspection = inspect(recording, frames)
     reports = inspection.reports
     if not any(report.readable for report in reports):

@@ -8,7 +8,9 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 
-def check(path: Annotated[Positional[Path], arg(metavar="RECORDING")], out: Path, frames: int = 3) -> None:
+def check(
+    path: Annotated[Positional[Path], arg(metavar="RECORDING")], out: Path, frames: int = 3, undistort: bool = True
+) -> None:
     """Draw LiDAR and boxes into every image of a recording, count, and say what looks wrong.
 
     Do this first with anything of your own: most failures on a new rig are a transform stored the wrong way round.
@@ -22,9 +24,10 @@ def check(path: Annotated[Positional[Path], arg(metavar="RECORDING")], out: Path
         path: folder of the recording.
         out: folder for result.json and the pictures.
         frames: how many frames to look at, evenly spread.
+        undistort: look at images of cameras with lenses as detectors get them; --no-undistort shows them as recorded.
     """
     from coin3d.check import check as run_check
     from coin3d.commands.outcome import RESULT_FILE
 
-    run_check(path, out, frames)
+    run_check(path, out, frames, undistort)
     print(f"result:  {out / RESULT_FILE}")

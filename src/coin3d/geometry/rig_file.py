@@ -10,6 +10,9 @@ import yaml
 
 from coin3d.geometry.camera import Camera
 from coin3d.geometry.ground import GroundPlane
+from coin3d.geometry.lens import Lens, Pinhole
+from coin3d.geometry.lens_brown_conrady import BrownConrady
+from coin3d.geometry.lens_fisheye import Fisheye
 from coin3d.geometry.pose import Pose, camera_pose
 from coin3d.geometry.rig import Rig
 from coin3d.records import write_bytes
@@ -17,6 +20,7 @@ from coin3d.records import write_bytes
 _RIG_KEYS = {"name", "cameras", "pixel_origin", "ground", "ego_from_vehicle"}
 _CAMERA_KEYS = {
     "size", "K", "focal", "centre", "fov_deg", "position", "yaw_deg", "pitch_deg", "roll_deg", "vehicle_from_cam", "quaternion",
+    "distortion", "fisheye",
 }  # fmt: skip
 _PIXEL_ORIGINS = {"opencv": 0.5, "edge": 0.0}
 
@@ -70,11 +74,10 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
     if not rig.ground.is_default:
         data["ground"] = {"normal": rig.ground.normal.tolist(), "offset": rig.ground.offset_m}
     for name, camera in rig.items():
-        if type(camera.lens).__name__ != "Pinhole":
-            raise ValueError(f"camera '{name}' has the lens {camera.lens}, which rig files cannot hold yet")
         data["cameras"][name] = {
             "size": [camera.width_px, camera.height_px],
             "K": camera.K.tolist(),
+            **_lens_entry(camera.lens, name),
             "vehicle_from_cam": (vehicle_from_ego @ camera.ego_from_cam).matrix.tolist(),
         }
     return data
@@ -89,7 +92,7 @@ def _camera(name: str, entry: Any, pixel_shift: float, ego_from_vehicle: Pose) -
     try:
         K = _intrinsics(entry, width, height, pixel_shift, where)
         vehicle_from_cam = _mount(entry, where)
-        return Camera(K, int(width), int(height), ego_from_vehicle @ vehicle_from_cam)
+        return Camera(K, int(width), int(height), ego_from_vehicle @ vehicle_from_cam, _lens(entry, where))
     except ValueError as error:
         message = str(error)
         raise ValueError(message if message.startswith(where) else f"{where}: {message}") from error
@@ -116,6 +119,33 @@ def _intrinsics(entry: dict[str, Any], width: float, height: float, pixel_shift:
     if "centre" in entry:
         centre = np.array(_numbers(entry, "centre", 2, where)) + pixel_shift
     return np.array([[fx, 0, centre[0]], [0, fy, centre[1]], [0, 0, 1]])
+
+
+def _lens(entry: dict[str, Any], where: str) -> Lens:
+    given = [key for key in ("distortion", "fisheye") if key in entry]
+    if not given:
+        return Pinhole()
+    if len(given) == 2:
+        raise ValueError(f"{where}: give distortion (ordinary lens) or fisheye, not both")
+    if "fov_deg" in entry:
+        raise ValueError(f"{where}: with {given[0]} say how long the lens is by K or focal; fov_deg is for straight images")
+    if given == ["fisheye"]:
+        return Fisheye(*_numbers(entry, "fisheye", 4, where))
+    count = len(entry["distortion"]) if isinstance(entry["distortion"], list) else 1
+    if count not in (4, 5, 8):
+        raise ValueError(
+            f"{where}: 'distortion' is [k1, k2, p1, p2], [k1, k2, p1, p2, k3] or with k4, k5, k6 behind, in OpenCV's order, got "
+            f"{entry['distortion']!r}"
+        )
+    return BrownConrady(*_numbers(entry, "distortion", count, where))
+
+
+def _lens_entry(lens: Lens, name: str) -> dict[str, list[float]]:
+    if isinstance(lens, Pinhole):
+        return {}
+    if isinstance(lens, (BrownConrady, Fisheye)):
+        return {"fisheye" if isinstance(lens, Fisheye) else "distortion": list(lens.coefficients)}
+    raise ValueError(f"camera '{name}' has the lens {lens}, which rig files cannot hold")
 
 
 def _mount(entry: dict[str, Any], where: str) -> Pose:
