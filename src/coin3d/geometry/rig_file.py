@@ -134,8 +134,8 @@ def _lens(entry: dict[str, Any], where: str) -> Lens:
     count = len(entry["distortion"]) if isinstance(entry["distortion"], list) else 1
     if count not in (4, 5, 8):
         raise ValueError(
-            f"{where}: 'distortion' is [k1, k2, p1, p2], [k1, k2, p1, p2, k3] or with k4, k5, k6 behind, in OpenCV's order, got "
-            f"{entry['distortion']!r}"
+            f"{where}: 'distortion' is [k1, k2, p1, p2], [k1, k2, p1, p2, k3] or with k4, k5, k6 behind, in OpenCV's order, "
+            f"got {entry['distortion']!r}"
         )
     return BrownConrady(*_numbers(entry, "distortion", count, where))
 
