@@ -17,6 +17,8 @@ from coin3d.commands.demo import demo
 from coin3d.commands.detect import detect
 from coin3d.commands.evaluate import evaluate
 from coin3d.commands.pretrain import pretrain
+from coin3d.commands.protocols import protocols
+from coin3d.commands.re_render import re_render
 from coin3d.commands.render import render
 from coin3d.commands.rig import rig
 from coin3d.commands.town import town
@@ -31,9 +33,11 @@ VERBS: dict[str, Callable[..., None]] = {
     "town": town,
     "build-scenes": build_scenes,
     "render": render,
+    "re-render": re_render,
     "pretrain": pretrain,
     "train": train,
     "evaluate": evaluate,
+    "protocols": protocols,
 }
 """Verb -> function; the signature is the command line, the docstring its help."""
 

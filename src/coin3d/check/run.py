@@ -14,6 +14,7 @@ from coin3d.check.finding import Finding
 from coin3d.check.frame_checks import FrameReport
 from coin3d.check.inspection import inspect
 from coin3d.datasets.open import open_recording
+from coin3d.datasets.splits import SplitChoice
 from coin3d.drawing.pictures import draw_boxes, draw_ground, draw_points
 from coin3d.drawing.sheet import Panel, class_legend, message_picture, save_png, sheet
 from coin3d.drawing.top_view import top_view
@@ -77,14 +78,14 @@ class CheckResult:
         return "\n".join([*lines, *(f"picture: {picture}" for picture in self.pictures)])
 
 
-def check(path: Path, out: Path, frames: int = 3, undistort: bool = True) -> CheckResult:
+def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = None, undistort: bool = True) -> CheckResult:
     """Check a recording: pictures, counts and findings go to ``out``, and a summary is printed.
 
     Args:
         path: folder of the recording.
         out: folder for ``result.json`` and the pictures; made if missing.
         frames: how many frames to look at, spread evenly over the recording.
-        undistort: as ``open_recording`` takes it.
+    recording = open_recording(path, split, undistort=undistort)
 
     Raises:
         FileNotFoundError: not a recording.
@@ -93,7 +94,7 @@ def check(path: Path, out: Path, frames: int = 3, undistort: bool = True) -> Che
     if frames < 1:
         raise ValueError(f"at least one frame has to be checked, got frames={frames}")
     path, out = Path(path), Path(out)
-    recording = open_recording(path, undistort)
+    recording = open_recording(path, split, undistort=undistort)
     inspection = inspect(recording, frames)
     reports = inspection.reports
     if not any(report.readable for report in reports):

@@ -9,7 +9,11 @@ from tyro.conf import Positional, arg
 
 
 def check(
-    path: Annotated[Positional[Path], arg(metavar="RECORDING")], out: Path, frames: int = 3, undistort: bool = True
+    path: Annotated[Positional[Path], arg(metavar="RECORDING")],
+    out: Path,
+    frames: int = 3,
+    split: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: all scenes)")] = None,
+    undistort: bool = True,
 ) -> None:
     """Draw LiDAR and boxes into every image of a recording, count, and say what looks wrong.
 
@@ -24,10 +28,11 @@ def check(
         path: folder of the recording.
         out: folder for result.json and the pictures.
         frames: how many frames to look at, evenly spread.
+        split: look at these scenes: a split of nuScenes, Lyft or DDAD (val), or a text file with scene names.
         undistort: look at images of cameras with lenses as detectors get them; --no-undistort shows them as recorded.
     """
     from coin3d.check import check as run_check
     from coin3d.commands.outcome import RESULT_FILE
 
-    run_check(path, out, frames, undistort)
+    run_check(path, out, frames, split, undistort)
     print(f"result:  {out / RESULT_FILE}")

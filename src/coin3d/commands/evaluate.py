@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, arg
 
 from coin3d.commands.outcome import finish, spread
+from coin3d.commands.protocols import open_target
 
 if TYPE_CHECKING:
     from coin3d.datasets.classes import ClassMap
@@ -22,6 +23,8 @@ def evaluate(
     out: Path,
     classes: Annotated[ClassChoice | None, arg(help_behavior_hint="(default: from the checkpoint)")] = None,
     range_shape: Literal["radial", "square"] = "radial",
+    setting: Annotated[str | None, arg(name="protocol", metavar="NAME", help_behavior_hint="(default: none)")] = None,
+    split: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: all scenes)")] = None,
     frames: int = 0,
     pictures: int = 6,
     min_score: float = 0.25,
@@ -37,6 +40,7 @@ def evaluate(
     Try:
       coin3d evaluate town-coin3d out/demo/data/waymo --out out/score
       coin3d evaluate runs/mine/model.safetensors data/val --out out/score --range-shape square
+      coin3d evaluate runs/mine/model.safetensors data/nuscenes --out out/score --protocol waymo-to-nuscenes
 
     Args:
         checkpoint: a shipped name, or a model.safetensors of coin3d train.
@@ -45,6 +49,8 @@ def evaluate(
         classes: which names count as which class (docs/datasets.md); by default merged-car for a detector of cars alone,
             three-class for one of all three.
         range_shape: radial: distance from the ego origin; square: largest of |x|, |y|.
+        setting: a comparison of the paper, which sets split, classes and rules; coin3d protocols prints them.
+        split: score these scenes: a split of nuScenes, Lyft or DDAD (val), or a text file with scene names.
         frames: score this many frames, evenly spread; 0 means all.
         pictures: draw this many of them; 0 means all.
         min_score: draw predictions with at least this score; the metrics use all.
@@ -54,20 +60,31 @@ def evaluate(
         device: auto, cpu, cuda, cuda:1 ...
     """
     from coin3d.datasets.open import open_recording
+    from coin3d.datasets.splits import coverage
     from coin3d.evaluation import filter_truth
+    from coin3d.evaluation.paper_protocols import paper_protocol
     from coin3d.inference import load
     from coin3d.report.pictures import frame_pictures, likely
     from coin3d.report.rows import protocol_for, result_row
     from coin3d.training.predict import score_frames
 
     detector = load(checkpoint, device, precision=precision)
-    class_map = class_map_for(classes, detector.classes)
-    protocol = protocol_for(class_map, range_shape)
-    labelled = open_recording(recording)
+    if setting is None:
+        class_map = class_map_for(classes, detector.classes)
+        protocol, paper = protocol_for(class_map, range_shape), None
+        labelled = open_recording(recording, split)
+    else:
+        if classes or split or range_shape != "radial":
+            raise ValueError(f"--protocol {setting} sets classes, split and range; leave --classes, --split, --range-shape out")
+        paper = paper_protocol(setting)
+        class_map, protocol, split = paper.scoring_classes, paper.scoring, paper.target.named_split
+        labelled = open_target(paper, recording, detector.classes)
+        print(paper.describe())
     chosen = [labelled[i] for i in spread(len(labelled), frames)]
     if chosen[0].boxes_world is None:
         raise ValueError(f"{recording}: no annotations to score against; coin3d detect needs none")
-    print(detector.note)
+    scenes = coverage(split, {frame.scene for frame in chosen})
+    print(f"{detector.note}\n{len(chosen)} frames of {scenes}")
     began = time.monotonic()
     found = detector.detect_frames(chosen, print, recording=labelled)
     report = score_frames(chosen, found, class_map, protocol)
@@ -84,6 +101,8 @@ def evaluate(
         "note": detector.note,
         "recording": str(recording),
         "protocol": protocol.describe(),
+        "comparison": None if paper is None else paper.row(),
+        "scenes": scenes,
         "seconds": round(time.monotonic() - began, 2),
         "rows": [result_row(detector, report, source or detector.source, target or recording.resolve().name)],
     }

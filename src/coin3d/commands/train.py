@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from coin3d.commands.evaluate import ClassChoice, class_map_for
+from coin3d.commands.evaluate import ClassChoice
 from coin3d.commands.outcome import finish
+from coin3d.commands.sources import choose_sources
 
 if TYPE_CHECKING:
     from coin3d.augmentation import NovelViewOptions
@@ -142,6 +143,9 @@ def train(
     preset: Literal["tiny", "small", "paper"] = "tiny",
     detector: DetectorName = "bevdepth",
     classes: ClassChoice = "merged-car",
+    split: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: all scenes)")] = None,
+    every: Annotated[int, arg(metavar="N")] = 1,
+    setting: Annotated[str | None, arg(name="protocol", metavar="NAME", help_behavior_hint="(default: none)")] = None,
     init: Annotated[Path | None, arg(metavar="CHECKPOINT", help_behavior_hint="(default: random weights)")] = None,
     trunk: Annotated[Path | None, arg(metavar="CHECKPOINT", help_behavior_hint="(default: random weights)")] = None,
     pretrained: bool = False,
@@ -163,16 +167,21 @@ def train(
       coin3d train data/train --out runs/full --gaussians data/train-gaussians
       coin3d train data/train --out runs/petr --detector petr --trunk runs/trunk/model.safetensors
       coin3d train recordings/mine --out runs/mine --init runs/coin3d/model.safetensors --steps 300
+      coin3d train data/waymo/training --out runs/waymo --preset paper --protocol waymo-to-nuscenes
       coin3d evaluate runs/coin3d/model.safetensors data/val --out out/score
 
     Args:
-        data: folders of recordings in nuScenes format; several are mixed frame by frame.
+        data: folders of recordings with labels and LiDAR; several are mixed frame by frame.
         out: folder of the run.
         method: none: the plain detector; direct: with its own camera-aware gate; coin3d: spatial-aware modulation.
         preset: tiny: minutes on two CPU cores; small: one modest GPU; paper: the sizes of the paper's tables, several GPUs.
         detector: bevdepth: lifts image features by their depth; bevformer: bird's-eye-view queries look into the images;
             petr: object queries attend to image cells that know where they look.
         classes: which names count as which class (docs/datasets.md).
+        split: train on these scenes: a split of nuScenes, Lyft or DDAD (train), or a text file with scene names.
+        every: take every n-th frame of each scene; 4 is usual for Waymo, which is labelled ten times a second.
+        setting: a comparison of the paper, which sets classes and, for each recording, split and frame rate; with
+            --detector bevdepth --preset paper also the input size. coin3d protocols prints them.
         init: start from the weights of this checkpoint (same detector, preset and method), to fine-tune.
         trunk: start the image trunk from this checkpoint of coin3d pretrain (same detector and preset).
         pretrained: start the backbone from ImageNet weights, which are downloaded.
@@ -201,6 +210,10 @@ def train(
         if method == "none":
             raise ValueError("--method none renders no novel views: leave --gaussians out, or take direct or coin3d")
         method_options = replace(method_options, novel_views=rendered)
+    chosen = choose_sources(setting, split, every, classes)
+    if chosen.protocol is not None and (detector, preset) == ("bevdepth", "paper"):
+        width, height = chosen.protocol.input_px
+        config = replace(config, image_width_px=width, image_height_px=height)
     began = time.monotonic()
     weights = run(
         data,
@@ -209,7 +222,9 @@ def train(
         config=config,
         method=method,
         method_options=method_options,
-        class_map=class_map_for(classes),
+        class_map=chosen.class_map,
+        open_with=chosen.open,
+        selection=chosen.selection,
         options=options,
         init=None if init is None else checkpoint_path(init),
         trunk=trunk,
@@ -223,7 +238,8 @@ def train(
         "detector": detector,
         "method": method,
         "preset": preset,
-        "classes": classes,
+        "classes": chosen.class_map.name,
+        "selection": chosen.selection,
         "steps": options.steps,
         "seconds": round(time.monotonic() - began, 1),
         "last_losses": last["losses"],

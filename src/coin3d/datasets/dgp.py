@@ -13,8 +13,11 @@ from coin3d.datasets.dgp_scene import Datum, DgpSample, DgpScene
 from coin3d.datasets.frame import Frame
 from coin3d.datasets.ground_fit import fit_ground
 from coin3d.datasets.own_vehicle import own_vehicle_masks
+from coin3d.datasets.splits import SplitChoice, chosen_scenes
 from coin3d.geometry import Boxes3D, Camera, GroundPlane, Pose, Rig
 
+_SPLITS = ("train", "val", "test")
+"""By their numbers in DGP."""
 _MAX_VELOCITY_GAP_S = 1.5
 _SWEEPS_FOR_GROUND = 5
 _LIDAR_ABOVE_CAMERAS_M = 0.3
@@ -29,17 +32,22 @@ class DgpRecording:
 
     Args:
         root: folder with the JSON file that lists the scenes, or the folder of one scene.
-        split: number of a split (DGP: 0 train, 1 val, 2 test), or None for all scenes.
+        split: a split (train, val, test or their numbers 0, 1, 2), a text file with scene names, the names themselves, or None
+            for all scenes.
 
     Raises:
         FileNotFoundError: no scene list and no scene.
         ValueError: a file is missing or damaged, or the recording has no such split.
     """
 
-    def __init__(self, root: Path | str, split: int | None = None) -> None:
+    def __init__(self, root: Path | str, split: int | SplitChoice | None = None) -> None:
         self.root = Path(root)
-        files = _scene_files(self.root, split)
-        self._scenes = [DgpScene(path, _scene_name(path, self.root)) for path in files]
+        number = _SPLITS.index(split) if isinstance(split, str) and split in _SPLITS else split
+        files = _scene_files(self.root, number if isinstance(number, int) else None)
+        names = {_scene_name(path, self.root): path for path in files}
+        if number is not None and not isinstance(number, int):
+            names = {name: names[name] for name in chosen_scenes(number, list(names), str(self.root))}
+        self._scenes = [DgpScene(path, name) for name, path in names.items()]
         self._places = [(scene, i) for scene in self._scenes for i in range(len(scene.samples))]
         self._grounds: dict[str, GroundPlane] = {}
 
@@ -74,6 +82,10 @@ class DgpRecording:
             next=neighbours[place + 2],
             own_vehicle=own_vehicle_masks(self.root, (d.name for d in sample.cameras)),
         )
+
+    def scene_names(self) -> list[str]:
+        """The scene of every frame, without building frames."""
+        return [scene.name for scene, _ in self._places]
 
     def _rig(self, scene: DgpScene, sample: DgpSample, calibration: Calibration, world_from_ego: Pose) -> Rig:
         ego_from_world = world_from_ego.inverse()

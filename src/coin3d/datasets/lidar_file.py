@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from coin3d.datasets.frame import LidarScan
+from coin3d.datasets.lyft_files import CUT_SHORT
 from coin3d.geometry import Pose
 
 _FLOATS_PER_POINT = 5
+_FLOATS_LEFT_OVER = 3  # of the last point of one published file
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,8 @@ class LidarFile:
     def load(self) -> LidarScan:
         """Read the sweep. Points that are not finite (no return) are left out.
 
+        One published file of Lyft ends within a point; what it has of that point is left out as well.
+
         Raises:
             ValueError: the file is missing, empty or truncated.
         """
@@ -36,11 +40,13 @@ class LidarFile:
             raise ValueError(f"{self.path}: the LiDAR file is missing")
         size = self.path.stat().st_size
         record = 4 * _FLOATS_PER_POINT
+        if self.path.name == CUT_SHORT and size % record == 4 * _FLOATS_LEFT_OVER:
+            size -= 4 * _FLOATS_LEFT_OVER
         if size == 0 or size % record:
             raise ValueError(
                 f"{self.path}: the LiDAR file has {size} bytes, not a whole number of {record}-byte points "
                 "(float32 x, y, z, intensity, ring): it is truncated or of another format; copy it again"
             )
-        records = np.fromfile(self.path, dtype="<f4").reshape(-1, _FLOATS_PER_POINT).astype(np.float64)
+        records = np.fromfile(self.path, dtype="<f4", count=size // 4).reshape(-1, _FLOATS_PER_POINT).astype(np.float64)
         records = records[np.isfinite(records[:, :3]).all(1)]
         return LidarScan(self.ego_from_lidar.apply(records[:, :3]), records[:, 3], self.ego_from_lidar.translation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -10,10 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from coin3d.datasets.frame import Frame
+from coin3d.datasets.inside import inside
 from coin3d.datasets.json_table import Row, Table
 from coin3d.datasets.lidar_file import LidarFile
+from coin3d.datasets.lyft_files import ZOOMED_CAMERA, data_root, locate
 from coin3d.datasets.nuscenes_tables import find_version_folder, read_tables
 from coin3d.datasets.own_vehicle import own_vehicle_masks
+from coin3d.datasets.splits import SplitChoice, chosen_scenes
 from coin3d.geometry import Boxes3D, Camera, Pose, Rig
 
 _MAX_VELOCITY_GAP_S = 1.5
@@ -32,23 +35,38 @@ class NuScenesRecording:
     Args:
         root: the folder that the tables' file names are relative to.
         version: name of the folder with the tables; may be left out where there is exactly one.
+        split: which scenes: the name of a split of nuScenes or Lyft, a text file, or scene names; by default all.
+        cameras: which channels; by default all but Lyft's ``CAM_FRONT_ZOOMED``.
 
     Raises:
         FileNotFoundError: no tables, or one is missing.
-        ValueError: a table is damaged, a token dangles, a scene is empty, or no sample has a camera.
+        ValueError: a table is damaged, a token dangles, a scene is empty, no sample has a camera, or the recording has no such
+            split or camera.
     """
 
-    def __init__(self, root: Path | str, version: str | None = None) -> None:
+    def __init__(
+        self,
+        root: Path | str,
+        version: str | None = None,
+        split: SplitChoice | None = None,
+        cameras: Collection[str] | None = None,
+    ) -> None:
         root = Path(root)
         folder = find_version_folder(root, version)
-        self.root = root.parent if folder == root else root
         self._tables = read_tables(folder)
+        self._channels = self._tables.camera_channels(cameras, leave_out=(ZOOMED_CAMERA,))
+        self.root = data_root(root, folder, self._tables.any_filename())
         self._key_data = self._tables.key_data_by_sample()
         self._annotations = self._tables.annotations_by_sample()
         self._calibrated_cameras: dict[tuple[str, int, int], Camera] = {}
         self._samples: list[Row] = []
         self._neighbours: list[tuple[str, str]] = []
-        for samples in self._tables.samples_by_scene().values():
+        by_scene = self._tables.samples_by_scene()
+        names = {token: self._scene_name(samples[0]) for token, samples in by_scene.items()}
+        chosen = set(chosen_scenes(split, list(names.values()), str(folder)))
+        for token, samples in by_scene.items():
+            if names[token] not in chosen:
+                continue
             tokens = ["", *(s["token"] for s in samples), ""]
             self._neighbours += zip(tokens[:-2], tokens[2:], strict=True)
             self._samples += samples
@@ -72,7 +90,7 @@ class NuScenesRecording:
         sample = self._samples[index]
         token = sample["token"]
         data = self._key_data.get(token, {})
-        cameras = self._tables.cameras_in_order(data)
+        cameras = self._tables.cameras_in_order(self._channels & set(data))
         if not cameras:
             raise ValueError(f"{self._tables.sample_data.path}: sample '{token}' has no camera images")
         lidar = self._tables.lidar_of(data)
@@ -92,6 +110,10 @@ class NuScenesRecording:
             next=following,
             own_vehicle=own_vehicle_masks(self.root, cameras),
         )
+
+    def scene_names(self) -> list[str]:
+        """The scene of every frame, without building frames."""
+        return [self._scene_name(sample) for sample in self._samples]
 
     def frame_by_token(self, token: str) -> Frame:
         """The frame of a sample token.
@@ -136,7 +158,9 @@ class NuScenesRecording:
         return str(tables.scene.value(tables.sample.follow(sample, "scene_token", tables.scene), "name"))
 
     def _path(self, data: Row) -> Path:
-        return self.root / str(self._tables.sample_data.value(data, "filename"))
+        name = self._tables.sample_data.value(data, "filename")
+        inside(self.root, name, f"{self._tables.sample_data.path}: row '{data['token']}': filename")
+        return locate(self.root, name)
 
     def _world_from_ego(self, data: Row) -> Pose:
         return _pose(self._tables.ego_pose, self._tables.sample_data.follow(data, "ego_pose_token", self._tables.ego_pose))

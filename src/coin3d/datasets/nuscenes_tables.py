@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -85,6 +85,23 @@ class NuScenesTables:
         """Camera channels: nuScenes' six first, in their usual order, then others by name."""
         cameras = {row["channel"] for row in self.sensor.rows() if row["modality"] == "camera"} & set(channels)
         return [c for c in _CAMERA_ORDER if c in cameras] + sorted(cameras - set(_CAMERA_ORDER))
+
+    def camera_channels(self, wanted: Collection[str] | None, leave_out: Collection[str]) -> set[str]:
+        """The channels to read: what is wanted, or all cameras there are without those to leave out.
+
+        Raises:
+            ValueError: a wanted camera that the recording does not know.
+        """
+        there = {row["channel"] for row in self.sensor.rows() if row["modality"] == "camera"}
+        if wanted is None:
+            return there - set(leave_out)
+        if missing := sorted(set(wanted) - there):
+            raise ValueError(f"{self.sensor.path}: no camera {', '.join(missing)}, only {', '.join(sorted(there))}")
+        return set(wanted)
+
+    def any_filename(self) -> str:
+        """The file name of some sample, "" where there are none."""
+        return next((str(row.get("filename", "")) for row in self.sample_data.rows()), "")
 
     def lidar_of(self, channels: Iterable[str]) -> str | None:
         """LIDAR_TOP, else the first other LiDAR by name, else nothing."""

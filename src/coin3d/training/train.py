@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from coin3d.datasets.classes import ClassMap
+from coin3d.datasets.frame import Recording
 from coin3d.datasets.open import open_recording
 from coin3d.records import to_plain, write_json
 from coin3d.rendering.gaussian_folder import GaussianFolder
@@ -35,6 +36,8 @@ def train(
     method_options: Any,
     class_map: ClassMap,
     options: TrainOptions,
+    open_with: Callable[[Path], Recording] = open_recording,
+    selection: Mapping[str, Any] | None = None,
     init: Path | None = None,
     trunk: Path | None = None,
     gaussians: Path | None = None,
@@ -45,6 +48,8 @@ def train(
 
     ``out`` receives run.json (everything needed to repeat the run), log.jsonl, curves.png and model.safetensors. Called
     again on an unfinished ``out`` with the same arguments it continues; on a finished one it does nothing.
+
+    ``open_with`` opens a recording, and ``selection`` tells, as plain data for run.json, what it chooses of one; None: all.
 
     ``init`` starts from all weights of a checkpoint of the same detector and method, ``trunk`` from the image trunk of one.
 
@@ -64,6 +69,7 @@ def train(
             "options": method_options,
             "classes": class_map.name,
             "training": options,
+            "selection": selection,
             "init": str(init) if init else None,
             "trunk": str(trunk) if trunk else None,
             "gaussians": str(gaussians) if gaussians else None,
@@ -76,7 +82,7 @@ def train(
     if trunk is not None:
         load_trunk(model, trunk)
     size = (config.image_width_px, config.image_height_px)
-    recordings = [open_recording(path) for path in data]
+    recordings = [open_with(path) for path in data]
     count = options.steps * options.batch_size
     frame_augmentation = model.method.frame_augmentation(None if gaussians is None else GaussianFolder.open(gaussians))
     if gaussians is not None and frame_augmentation is None:
