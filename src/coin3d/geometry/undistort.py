@@ -24,7 +24,7 @@ The scale of a pinhole image grows with 1 / cos^2 of the angle to its axis: at 6
 at 75 degrees fifteen times, and the middle would be left with few pixels."""
 
 _STRIDE_PX = 8
-"""Where pixels come from is computed this far apart and is linear between (error: a 20th of a pixel, OpenCV's own is a 32nd)."""
+"""Where pixels come from is computed this far apart and is linear between (error: a 20th of a pixel; OpenCV's is a 32nd)."""
 
 _LARGEST_SIDE = 32767
 _AT_THE_EDGE_PX = 1e-6
@@ -109,8 +109,8 @@ def _zoom(K_bytes: bytes, width_px: int, height_px: int, lens: Lens, max_view_de
         low, high = high, 2 * high
         if high > 1e6:
             raise ValueError(
-                f"the principal point ({K[0, 2]:g}, {K[1, 2]:g}) lies outside the image of {width_px} x {height_px} pixels, so that "
-                "it cannot be undistorted around it: check K and size"
+                f"the principal point ({K[0, 2]:g}, {K[1, 2]:g}) lies outside the image of {width_px} x {height_px} pixels, so "
+                "that it cannot be undistorted around it: check K and size"
             )
     while high - low > 1e-9 * high:
         middle = (low + high) / 2
