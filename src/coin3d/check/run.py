@@ -85,7 +85,8 @@ def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = No
         path: folder of the recording.
         out: folder for ``result.json`` and the pictures; made if missing.
         frames: how many frames to look at, spread evenly over the recording.
-    recording = open_recording(path, split, undistort=undistort)
+        split: which scenes of it; by default all.
+        undistort: as ``open_recording`` takes it.
 
     Raises:
         FileNotFoundError: not a recording.

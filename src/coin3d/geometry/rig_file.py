@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any
 
 import numpy as np
@@ -36,8 +37,10 @@ def load_rig(path: Path | str) -> Rig:
         raise FileNotFoundError(f"{path}: no such rig file; docs/your_rig.md shows one")
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not readable as YAML: {error}") from error
+    except RecursionError as error:
+        raise ValueError(f"{path}: not readable as YAML: nested too deeply") from error
     try:
         return rig_from_dict(data, default_name=path.stem)
     except ValueError as error:
@@ -56,7 +59,7 @@ def rig_from_dict(data: Any, default_name: str = "rig") -> Rig:
     _no_unknown_keys(data, _RIG_KEYS, "the rig")
     origin = data.get("pixel_origin", "opencv")
     if origin not in _PIXEL_ORIGINS:
-        raise ValueError(f"pixel_origin is 'opencv' (pixel centres at whole numbers) or 'edge', got {origin!r}")
+        raise ValueError(f"pixel_origin is 'opencv' (pixel centres at whole numbers) or 'edge', got {short(origin)}")
     ego_from_vehicle = _pose(data["ego_from_vehicle"], "ego_from_vehicle") if "ego_from_vehicle" in data else Pose.identity()
     cameras = {
         str(name): _camera(str(name), entry, _PIXEL_ORIGINS[origin], ego_from_vehicle)
@@ -86,7 +89,7 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
 def _camera(name: str, entry: Any, pixel_shift: float, ego_from_vehicle: Pose) -> Camera:
     where = f"camera '{name}'"
     if not isinstance(entry, dict):
-        raise ValueError(f"{where}: expected keys such as size, focal, position, yaw_deg, got {entry!r}")
+        raise ValueError(f"{where}: expected keys such as size, focal, position, yaw_deg, got {short(entry)}")
     _no_unknown_keys(entry, _CAMERA_KEYS, where)
     width, height = _numbers(entry, "size", 2, where)
     try:
@@ -134,8 +137,8 @@ def _lens(entry: dict[str, Any], where: str) -> Lens:
     count = len(entry["distortion"]) if isinstance(entry["distortion"], list) else 1
     if count not in (4, 5, 8):
         raise ValueError(
-            f"{where}: 'distortion' is [k1, k2, p1, p2], [k1, k2, p1, p2, k3] or with k4, k5, k6 behind, in OpenCV's order, "
-            f"got {entry['distortion']!r}"
+            f"{where}: 'distortion' is [k1, k2, p1, p2], [k1, k2, p1, p2, k3] or with k4, k5, k6 behind, as OpenCV has it, got "
+            f"{short(entry['distortion'])}"
         )
     return BrownConrady(*_numbers(entry, "distortion", count, where))
 
@@ -176,18 +179,30 @@ def _numbers(entry: dict[str, Any], key: str, count: int, where: str) -> list[fl
     if key not in entry:
         raise ValueError(f"{where}: '{key}' is missing")
     value = entry[key] if isinstance(entry[key], list) else [entry[key]]
-    if len(value) != count or any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in value):
-        raise ValueError(f"{where}: '{key}' takes {count} number{'s' * (count > 1)}, got {entry[key]!r}")
-    if not np.isfinite(value).all():
+    if len(value) != count or not all(map(_is_number, value)):
+        raise ValueError(f"{where}: '{key}' takes {count} number{'s' * (count > 1)}, got {short(entry[key])}")
+    try:
+        numbers = [float(v) for v in value]
+    except OverflowError as error:
+        raise ValueError(f"{where}: '{key}' holds a number that is too large") from error
+    if not np.isfinite(numbers).all():
         raise ValueError(f"{where}: '{key}' holds a number that is not finite")
-    return [float(v) for v in value]
+    return numbers
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _matrix(value: Any, shape: tuple[int, int], where: str) -> np.ndarray:
+    # aliases of YAML can make a short file an enormous list: nothing is copied or printed before its size is known
+    rows = value if isinstance(value, list) and len(value) <= 16 else [value]
+    if not all(_is_number(row) or (isinstance(row, list) and len(row) <= 16 and all(map(_is_number, row))) for row in rows):
+        raise ValueError(f"{where} is not a matrix of numbers: {short(value)}")
     try:
         matrix = np.array(value, dtype=np.float64)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{where} is not a matrix of numbers: {value!r}") from error
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{where} is not a matrix of numbers: {short(value)}") from error
     if matrix.shape != shape:
         raise ValueError(f"{where} is a {shape[0]} x {shape[1]} matrix, got shape {matrix.shape}")
     return matrix

@@ -24,7 +24,7 @@ The scale of a pinhole image grows with 1 / cos^2 of the angle to its axis: at 6
 at 75 degrees fifteen times, and the middle would be left with few pixels."""
 
 _STRIDE_PX = 8
-"""Where pixels come from is computed this far apart and is linear between (error: a 20th of a pixel, OpenCV's a 32nd)."""
+"""Where pixels come from is computed this far apart and is linear between (error: a 20th of a pixel; OpenCV's is a 32nd)."""
 
 _LARGEST_SIDE = 32767
 _AT_THE_EDGE_PX = 1e-6
