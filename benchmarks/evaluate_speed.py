@@ -62,6 +62,7 @@ def random_tables(samples: int, boxes: int, objects: int) -> tuple[BoxTable, Box
         of_truth = truth[name].reshape(samples, objects, -1)[:, :copies]
         noise = 0 if name == "label" else rng.normal(0, {"centre_m": 0.5, "size_m": 0.05, "yaw_rad": 0.2}[name], of_truth.shape)
         found[name].reshape(samples, boxes, -1)[:, :copies] = of_truth + noise
+    found["score"].reshape(samples, boxes)[:, :copies] **= 0.05  # confident, mostly
     return BoxTable(**truth), BoxTable(**found)
 
 

@@ -72,8 +72,6 @@ def evaluate(
     began = time.monotonic()
     labelled = open_recording(recording)
     chosen = [labelled[i] for i in spread(len(labelled), frames)]
-    if chosen[0].boxes_world is None:
-        raise ValueError(f"{recording}: no annotations to score against; coin3d detect needs none")
     if intervals and len({frame.scene for frame in chosen}) < 2:
         raise ValueError("--intervals draws scenes at random, and these frames are of a single one; leave it out")
     if checkpoint.lower().endswith(".json"):
@@ -140,6 +138,7 @@ def _detections_of_detector(
     detector = load(checkpoint, device, precision=precision)
     class_map = class_map_for(classes, detector.classes)
     protocol = protocol_for(class_map, range_shape)
+    _need_labels(chosen)  # before the long wait
     print(detector.note)
     found = detector.detect_frames(chosen, print, recording=labelled)
     table = prediction_table({token: class_map.apply(boxes) for token, boxes in found.items()}, protocol)
@@ -153,6 +152,7 @@ def _detections_of_file(
     from coin3d.evaluation.results_json import read_results
     from coin3d.report.rows import protocol_for
 
+    _need_labels(chosen)
     table = read_results(path, {frame.token: frame.world_from_ego for frame in chosen}, class_map, skip_others=part)
     note = f"{len(table)} boxes of {len(table.tokens)} samples from {path}"
     if missing := len(chosen) - len(table.tokens):
@@ -160,6 +160,11 @@ def _detections_of_file(
     print(note)
     who = {"detector": path.stem, "method": ""}
     return _Detections(table, class_map, protocol_for(class_map, range_shape), who, "", str(path), note)
+
+
+def _need_labels(chosen: list[Frame]) -> None:
+    if chosen[0].boxes_world is None:
+        raise ValueError(f"frame {chosen[0].token}: no annotations to score against; coin3d detect needs none")
 
 
 def class_map_for(choice: ClassChoice | None, detected: tuple[str, ...] | None = None) -> ClassMap:

@@ -134,12 +134,12 @@ def score_tables(truth: BoxTable, predictions: BoxTable, rigs: Mapping[str, Rig]
         raise ValueError(f"{len(missing)} samples have no rig, the first is '{missing[0]}'")
     check_samples(truth, predictions)
     check_scores(predictions)
+    unfiltered = replace(protocol, visible_only=False, drop_zero_lidar=False)
+    # first, so that its matches are gone when the others are made
+    open_metrics = None if unfiltered == protocol else metrics_of(_filter_and_match(truth, predictions, rigs, unfiltered))
     matches = _filter_and_match(truth, predictions, rigs, protocol)
     metrics = metrics_of(matches)
-    unfiltered = replace(protocol, visible_only=False, drop_zero_lidar=False)
-    if unfiltered == protocol:
-        return Report(protocol, metrics, metrics), matches
-    return Report(protocol, metrics, metrics_of(_filter_and_match(truth, predictions, rigs, unfiltered))), matches
+    return Report(protocol, metrics, open_metrics or metrics), matches
 
 
 def _filter_and_match(truth: BoxTable, predictions: BoxTable, rigs: Mapping[str, Rig], protocol: Protocol) -> Matches:
