@@ -165,18 +165,21 @@ def write_results(path: Path, detections: Iterable[tuple[str, Pose, Boxes3D]]) -
         OSError: the file cannot be written.
     """
     partial = path.with_name(path.name + ".part")
-    path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with partial.open("w", encoding="utf-8") as file:
-            file.write(f'{{"meta": {json.dumps(_META)}, "results": {{')
-            for i, (token, world_from_ego, boxes) in enumerate(detections):
-                rows = _rows(token, boxes.transformed(world_from_ego))
-                file.write(f"{',' if i else ''}\n{json.dumps(token)}: {json.dumps(rows, allow_nan=False)}")
-            file.write("\n}}\n")
-        partial.replace(path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with partial.open("w", encoding="utf-8") as file:
+                file.write(f'{{"meta": {json.dumps(_META)}, "results": {{')
+                for i, (token, world_from_ego, boxes) in enumerate(detections):
+                    rows = _rows(token, boxes.transformed(world_from_ego))
+                    file.write(f"{',' if i else ''}\n{json.dumps(token)}: {json.dumps(rows, allow_nan=False)}")
+                file.write("\n}}\n")
+            partial.replace(path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise OSError(f"{path}: cannot be written ({error.strerror or error}); nothing was changed") from error
 
 
 def _rows(token: str, boxes_world: Boxes3D) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from coin3d.evaluation import Matches
 from coin3d.evaluation.curves import RECALL_GRID, average_precision, errors_on_grid, mean_errors
 from coin3d.records import write_bytes
 
-_THRESHOLD_COLOURS = ("#c6dbef", "#6baed6", "#2171b5", "#08306b")
+_THRESHOLD_COLOURS = ("#9ecae1", "#6baed6", "#2171b5", "#08306b")
 _ERRORS = (("ATE", "m", "#d1495b"), ("ASE", "1 - IoU", "#e08e0b"), ("AOE", "rad", "#3a7d44"))
 
 
