@@ -190,7 +190,7 @@ def test_evaluate(tiny_recording: Path, checkpoint: str, tmp_path: Path, capsys:
     assert (row["detector"], row["method"], row["source"], row["target"]) == ("bevdepth", "coin3d", "town_nuscenes", "tiny")
     assert row["samples"] == 6 and row["truth_boxes"] == 6
     assert "merged car: car 50 m, square" in told and result(out)["protocol"] in told
-    assert len(result(out)["pictures"]) == 2
+    assert len(result(out)["pictures"]) == 3 and (out / "curves.png").is_file()
 
 
 def test_train_then_detect(
