@@ -24,4 +24,4 @@ def test_example_loads(text: str) -> None:
 
 
 def test_there_are_examples() -> None:
-    assert len(_EXAMPLES) == 4
+    assert len(_EXAMPLES) == 5
