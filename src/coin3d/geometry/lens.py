@@ -26,6 +26,10 @@ class Lens(Protocol):
         """A ray (any length) that meets the image plane there; NaN where none does."""
         ...
 
+    def __hash__(self) -> int:
+        """A lens is a value: what is computed from it is remembered by it."""
+        ...
+
 
 @dataclass(frozen=True)
 class Pinhole:

@@ -91,7 +91,7 @@ def _camera(data: Any, base_from_cam: Pose, where: str) -> Camera:
     resolution = entry(data, "resolution", where)
     if not isinstance(resolution, list) or len(resolution) != 2:
         raise ValueError(f"{where}: resolution is [width, height], got {short(resolution)}")
-    width, height = image_size(*resolution, f"{where}: resolution")
+    width, height = image_size(resolution[0], resolution[1], f"{where}: resolution")
     try:
         return Camera(intrinsics(fx, fy, cx, cy, _OPENCV_PIXEL_SHIFT), width, height, base_from_cam, _lens(data, where))
     except ValueError as error:
