@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -88,13 +89,16 @@ def vehicle_pose(metres: float) -> Pose:
     return Pose.from_euler(0.4 + 0.02 * metres, 0.011, -0.007, place)
 
 
+@cache
 def make_drive(segment: str = "1024360_3580_000_3600_000", frames: int = 3, lidar: bool = True, blank: bool = False) -> Drive:
     """The drive; with ``blank`` images that hardly take room."""
     rng = np.random.default_rng(0)
     lens = BrownConrady(*DISTORTION)
     mounts = {name: replace(camera, lens=lens) for name, camera in preset_rig("waymo", WIDTH_PX).items()}
     lasers = {
-        "TOP": Laser(Pose.from_euler(2.6, 0.01, 0.002, (1.43, 0.0, 2.18)), -0.3, 0.04, [-0.30, -0.21, -0.13, -0.07, -0.02, 0.04]),
+        "TOP": Laser(
+            Pose.from_euler(2.6, 0.01, 0.002, (1.43, 0.0, 2.18)), -0.3, 0.04, [-0.30, -0.21, -0.13, -0.07, -0.02, 0.04]
+        ),
         "REAR": Laser(Pose.from_euler(math.pi, 0.0, 0.0, (-1.0, 0.1, 0.9)), -0.9, 0.2, []),
     }
     drive = Drive(segment, [], mounts, DISTORTION, [], lasers if lidar else {}, [])
@@ -113,7 +117,9 @@ def make_drive(segment: str = "1024360_3580_000_3600_000", frames: int = 3, lida
                 token=tokens[k + 1],
                 timestamp_ns=(START_US + 100_000 * k) * 1000,
                 rig=Rig(cameras, name=segment),
-                images={n: rng.integers(0, 1 if blank else 256, (c.height_px, WIDTH_PX, 3), np.uint8) for n, c in mounts.items()},
+                images={
+                    n: rng.integers(0, 1 if blank else 256, (c.height_px, WIDTH_PX, 3), np.uint8) for n, c in mounts.items()
+                },
                 world_from_ego=pose,
                 boxes_world=_boxes(rng, 0 if k == 1 else 7, pose),
                 lidar=Sweeping(first[:, :3], first[:, 3], lasers["TOP"].vehicle_from_laser.translation) if lidar else None,

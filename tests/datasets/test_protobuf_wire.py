@@ -92,7 +92,7 @@ def test_fields_of_another_kind() -> None:
         message.reals(4, "matrix")
     with pytest.raises(ValueError, match="is a whole number where 8 bytes or a string"):
         message.reals(2, "matrix")
-    with pytest.raises(ValueError, match="^x: row 0: byte 2: "):
+    with pytest.raises(ValueError, match=r"^x: row 0: byte 2: "):
         Message(b"\x0a\x03" + b"\x0a\x09\x00", "x").messages(1, "row")
 
 

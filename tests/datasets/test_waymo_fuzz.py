@@ -91,7 +91,9 @@ def test_v1_flipped_bits_never_pass(tmp_path: Path, payloads: list[bytes], flips
 
 @FEW
 @given(flips=Flips)
-def test_v1_contents_that_lie_under_a_right_checksum(tmp_path: Path, payloads: list[bytes], flips: list[tuple[int, int]]) -> None:
+def test_v1_contents_that_lie_under_a_right_checksum(
+    tmp_path: Path, payloads: list[bytes], flips: list[tuple[int, int]]
+) -> None:
     path = tmp_path / "a.tfrecord"
     path.write_bytes(record(flipped(payloads[0], flips)))
     try:
@@ -115,9 +117,7 @@ def test_v1_huge_numbers(tmp_path: Path, payloads: list[bytes], place: int, numb
 
 @FEW
 @given(tag=st.sampled_from(COMPONENTS), flips=Flips, cut=st.none() | st.floats(0, 1, exclude_max=True))
-def test_v2_flipped_and_cut(
-    tmp_path: Path, tables: Path, tag: str, flips: list[tuple[int, int]], cut: float | None
-) -> None:
+def test_v2_flipped_and_cut(tmp_path: Path, tables: Path, tag: str, flips: list[tuple[int, int]], cut: float | None) -> None:
     root = tmp_path / "v2"
     shutil.rmtree(root, ignore_errors=True)
     shutil.copytree(tables, root, ignore=shutil.ignore_patterns("*.json"))

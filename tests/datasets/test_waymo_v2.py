@@ -87,9 +87,7 @@ def test_splits_and_segments(tmp_path: Path, drive: Drive) -> None:
     (("lidar", "lidar_pose"), True, False),
     (("lidar_calibration",), True, False),
 ])  # fmt: skip
-def test_optional_components(
-    tmp_path: Path, drive: Drive, missing: tuple[str, ...], has_boxes: bool, has_lidar: bool
-) -> None:
+def test_optional_components(tmp_path: Path, drive: Drive, missing: tuple[str, ...], has_boxes: bool, has_lidar: bool) -> None:
     frame = WaymoV2Recording(write_v2(tmp_path, drive, leave_out=missing))[0]
     assert (frame.boxes_world is not None, frame.lidar is not None) == (has_boxes, has_lidar)
 
@@ -206,11 +204,11 @@ def test_files_cut_short(root: Path, tag: str) -> None:
 
 def test_a_file_that_was_exchanged(root: Path) -> None:
     recording = WaymoV2Recording(root)
-    recording[0]
+    frame = recording[0]
     rewrite(root, "lidar_box", lambda t: t.slice(3))
     with pytest.raises(ValueError, match="changed while it was in use; open the recording again"):
         for _ in recording:
             pass
     file_of(root, "camera_image").unlink()
     with pytest.raises(FileNotFoundError, match="camera_image"):
-        recording[0]
+        frame.image("SIDE_RIGHT")

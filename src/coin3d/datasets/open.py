@@ -46,7 +46,7 @@ def open_recording(path: Path | str, undistort: bool = True) -> Recording:
         return DgpRecording(path)
     raise FileNotFoundError(
         f"{path}: not a recording: looked for {RIG_FILE} (own images, see docs/your_rig.md) and for */sample.json "
-        "(nuScenes-format tables), for a JSON file with scene_splits (DDAD), for *.tfrecord and camera_image/*.parquet (Waymo); "
+        "(nuScenes-format tables), for a JSON file with scene_splits (DDAD), for *.tfrecord or camera_image/*.parquet (Waymo); "
         "see docs/datasets.md"
     )
 
