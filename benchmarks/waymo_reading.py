@@ -1,7 +1,7 @@
 """How long one process takes to read frames of a Waymo recording: opening, frames alone, with images, with LiDAR.
 
-Run ``python benchmarks/waymo_reading.py data/waymo`` on a recording of either version. Its first ``--frames`` frames are read in
-order, ``--repeats`` times, after one that is not counted. Medians are printed, and written to
+Run ``python benchmarks/waymo_reading.py data/waymo`` on a recording of either version. Its first ``--frames`` frames are read
+in order, ``--repeats`` times, after one that is not counted. Medians are printed, and written to
 ``results/benchmarks/waymo_reading.json``. Files come from the page cache after the first time: what is measured is the work,
 not the disk.
 """
