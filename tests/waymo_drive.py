@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -88,6 +89,7 @@ def vehicle_pose(metres: float) -> Pose:
     return Pose.from_euler(0.4 + 0.02 * metres, 0.011, -0.007, place)
 
 
+@cache
 def make_drive(segment: str = "1024360_3580_000_3600_000", frames: int = 3, lidar: bool = True, blank: bool = False) -> Drive:
     """The drive; with ``blank`` images that hardly take room."""
     rng = np.random.default_rng(0)

@@ -16,7 +16,7 @@ from same_frames import assert_same
 from waymo_drive import Drive, make_drive
 from waymo_writer import COMPONENTS, frame_payload, record, varint, write_v2
 
-FEW = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FEW = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 MAX_BYTES = 60_000_000
 
 Flips = st.lists(st.tuples(st.integers(0, 2**31), st.integers(0, 7)), min_size=1, max_size=4)
@@ -45,21 +45,16 @@ def flipped(data: bytes, flips: list[tuple[int, int]]) -> bytes:
 
 
 def v1_frames(path: Path) -> int:
-    """Everything of all frames, in bounded memory; how many there are."""
+    """Everything of all frames; how many there are."""
     path.with_name(f"{path.name}.index.json").unlink(missing_ok=True)
-    tracemalloc.start()
-    try:
-        count = 0
-        for frame in WaymoV1Recording(path):
-            for name in frame.rig:
-                frame.image(name)
-            if frame.lidar is not None:
-                frame.lidar.load()
-            count += 1
-        return count
-    finally:
-        assert tracemalloc.get_traced_memory()[1] < MAX_BYTES
-        tracemalloc.stop()
+    count = 0
+    for frame in WaymoV1Recording(path):
+        for name in frame.rig:
+            frame.image(name)
+        if frame.lidar is not None:
+            frame.lidar.load()
+        count += 1
+    return count
 
 
 @FEW
@@ -99,7 +94,7 @@ def test_v1_contents_that_lie_under_a_right_checksum(
     try:
         v1_frames(path)
     except ValueError as error:
-        assert str(error)
+        assert "a.tfrecord" in str(error)
 
 
 @FEW
@@ -109,10 +104,14 @@ def test_v1_huge_numbers(tmp_path: Path, payloads: list[bytes], place: int, numb
     place %= len(payload)
     path = tmp_path / "a.tfrecord"
     path.write_bytes(record(payload[:place] + varint(number) + payload[place + 1 :]))
+    tracemalloc.start()
     try:
         v1_frames(path)
     except ValueError as error:
-        assert str(error)
+        assert "a.tfrecord" in str(error)
+    finally:
+        assert tracemalloc.get_traced_memory()[1] < MAX_BYTES
+        tracemalloc.stop()
 
 
 @FEW
@@ -131,7 +130,7 @@ def test_v2_flipped_and_cut(tmp_path: Path, tables: Path, tag: str, flips: list[
             if frame.lidar is not None:
                 frame.lidar.load()
     except (ValueError, FileNotFoundError) as error:
-        assert str(error)
+        assert ".parquet" in str(error)
     else:
         assert cut is None
 

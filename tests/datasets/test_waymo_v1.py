@@ -209,13 +209,14 @@ def test_frames_that_make_no_sense(tmp_path: Path, changes: dict[str, bytes], me
 
 
 def test_a_laser_without_calibration_and_a_range_image_that_is_none(tmp_path: Path) -> None:
+    whole_image = matrix(np.ones((1, 4, 4)))
     for image, message in (
-        (matrix(np.ones((1, 4, 4))), "TOP has range images but no calibration"),
-        (b"x", "cannot be unpacked"),
+        (whole_image, "TOP has range images but no calib"),
+        (b"no zlib", "TOP: return 1: cannot be unpacked"),
     ):
         (frame,) = open_minimal(tmp_path, laser=content(5, whole(1, 1), content(2, content(2, image))))
         assert frame.lidar is not None
-        with pytest.raises(ValueError, match=rf"a\.tfrecord: frame 5000001 .*laser TOP.* {message}|laser {message}"):
+        with pytest.raises(ValueError, match=rf"a\.tfrecord: frame 5000001 .*: laser {message}"):
             frame.lidar.load()
 
 

@@ -204,11 +204,11 @@ def test_files_cut_short(root: Path, tag: str) -> None:
 
 def test_a_file_that_was_exchanged(root: Path) -> None:
     recording = WaymoV2Recording(root)
-    recording[0]
+    frame = recording[0]
     rewrite(root, "lidar_box", lambda t: t.slice(3))
     with pytest.raises(ValueError, match="changed while it was in use; open the recording again"):
         for _ in recording:
             pass
     file_of(root, "camera_image").unlink()
     with pytest.raises(FileNotFoundError, match="camera_image"):
-        recording[0]
+        frame.image("SIDE_RIGHT")

@@ -128,10 +128,15 @@ class WaymoInstant:
         Raises:
             ValueError: an image without calibration, no images, or a calibration that makes no sense.
         """
+        try:
+            return self._frame(previous, following, root, second_return)
+        except ValueError as error:
+            raise ValueError(f"{self.where}: {error}") from error
+
+    def _frame(self, previous: str, following: str, root: Path, second_return: bool) -> Frame:
         numbers = [n for n in CAMERA_NAMES if n in self.images]
         if not numbers:
-            raise ValueError(f"{self.where}: the frame has no images")
-        names = [CAMERA_NAMES[n] for n in numbers]
+            raise ValueError("the frame has no images")
         lidar = None
         if self.range_images is not None:
             lidar = WaymoLidar(self.range_images, self.lasers, self.world_from_vehicle, second_return, self.where)
@@ -146,7 +151,7 @@ class WaymoInstant:
             scene=self.segment,
             previous=previous,
             next=following,
-            own_vehicle=own_vehicle_masks(root, names),
+            own_vehicle=own_vehicle_masks(root, (CAMERA_NAMES[n] for n in numbers)),
         )
 
     def _rig(self, numbers: list[int]) -> Rig:
@@ -154,15 +159,12 @@ class WaymoInstant:
         cameras = {}
         for n in numbers:
             if n not in self.calibrations:
-                raise ValueError(f"{self.where}: camera {CAMERA_NAMES[n]} has an image but no calibration")
+                raise ValueError(f"camera {CAMERA_NAMES[n]} has an image but no calibration")
             try:
                 cameras[CAMERA_NAMES[n]] = self.calibrations[n].camera(ego_from_world @ self.images[n].world_from_vehicle)
             except ValueError as error:
-                raise ValueError(f"{self.where}: camera {CAMERA_NAMES[n]}: {error}") from error
-        try:
-            return Rig(cameras, name=self.segment)
-        except ValueError as error:
-            raise ValueError(f"{self.where}: {error}") from error
+                raise ValueError(f"camera {CAMERA_NAMES[n]}: {error}") from error
+        return Rig(cameras, name=self.segment)
 
 
 def token(segment: str, timestamp_us: int) -> str:
