@@ -100,7 +100,7 @@ def test_a_recording_seen_through_another_rig(as_nuscenes: Path, tmp_path: Path,
     for frame in open_recording(as_nuscenes, "val"):
         if frame.next:  # the last frame was not built
             (tmp_path / "built" / frame.scene).mkdir(parents=True, exist_ok=True)
-            save_gaussians(red_wall(), tmp_path / "built" / frame.scene / f"{frame.token}.safetensors")
+            save_gaussians(tmp_path / "built" / frame.scene / f"{frame.token}.safetensors", red_wall())
     out = tmp_path / "copy"
     words = ["re-render", str(as_nuscenes), str(tmp_path / "built"), "--rig", "waymo", "--split", "val", "--width", "64"]
     assert cli.main([*words, "--out", str(out)]) == 0
