@@ -75,6 +75,15 @@ def ddad_three_frames() -> Path:
 
 
 @pytest.fixture
+def waymo_one_frame(tmp_path: Path) -> Path:
+    """Folder of one Waymo v1 frame, linked to, because the reader keeps its index beside the file."""
+    folder = tmp_path / "waymo"
+    folder.mkdir()
+    (folder / "frame.tfrecord").symlink_to(next(_real("waymo_v1_one_frame").glob("*.tfrecord")).resolve())
+    return folder
+
+
+@pytest.fixture
 def tiny_recording(tmp_path: Path) -> Path:
     """Folder of a small synthetic recording in nuScenes format, see tiny_recording.py."""
     return write_recording(tmp_path / "tiny")

@@ -19,7 +19,7 @@ from coin3d.commands.outcome import spread
 from coin3d.commands.train import CoIn3DFlags
 from coin3d.datasets.open import open_recording
 from coin3d.detectors import BEVDepthConfig
-from coin3d.geometry import save_rig
+from coin3d.geometry import Fisheye, load_rig, save_rig
 from coin3d.priors import Projector
 from coin3d.rendering import Gaussians, save_gaussians
 from small_world import CONFIG, ring_rig
@@ -190,7 +190,7 @@ def test_evaluate(tiny_recording: Path, checkpoint: str, tmp_path: Path, capsys:
     assert (row["detector"], row["method"], row["source"], row["target"]) == ("bevdepth", "coin3d", "town_nuscenes", "tiny")
     assert row["samples"] == 6 and row["truth_boxes"] == 6
     assert "merged car: car 50 m, square" in told and result(out)["protocol"] in told
-    assert len(result(out)["pictures"]) == 2
+    assert len(result(out)["pictures"]) == 3 and (out / "curves.png").is_file()
 
 
 def test_train_then_detect(
@@ -281,3 +281,24 @@ def test_spread_is_even_and_bounded() -> None:
 def test_flags_name_the_projectors_there_are() -> None:
     hints = typing.get_type_hints(CoIn3DFlags)
     assert set(typing.get_args(hints["projector"])) == set(typing.get_args(Projector))
+
+
+def test_a_rig_is_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chain = tmp_path / "camchain.yaml"
+    chain.write_text(
+        "cam0: {camera_model: pinhole, intrinsics: [300, 301, 320, 240], distortion_model: equidistant,\n"
+        "  distortion_coeffs: [0.01, 0, 0, 0], resolution: [640, 480]}\n",
+        encoding="utf-8",
+    )
+    out = tmp_path / "van" / "rig.yaml"
+    arguments = ["rig", "import", str(chain), "--base-pose", "1.5", "0", "1.4", "90", "0", "0", "--out", str(out)]
+    assert cli.main(arguments) == 0
+    told = capsys.readouterr().out
+    assert "cam0: 640 x 480, f 300 px, Fisheye lens, at +1.50 +0.00 +1.40 m, yaw +90 pitch +0 deg" in told
+    assert load_rig(out)["cam0"].lens == Fisheye(0.01, 0, 0, 0)
+    assert cli.main(arguments) == 2 and "exists already" in capsys.readouterr().err
+    matrix = tmp_path / "base.yaml"
+    matrix.write_text("[[0, 0, 1, 1.5], [-1, 0, 0, 0], [0, -1, 0, 1.4], [0, 0, 0, 1]]", encoding="utf-8")
+    again = tmp_path / "again.yaml"
+    assert cli.main(["rig", "import", str(chain), "--base-matrix", str(matrix), "--out", str(again)]) == 0
+    assert load_rig(again)["cam0"].yaw_rad == pytest.approx(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,8 @@ import pytest
 import coin3d
 from checkpoints import write_checkpoint
 from coin3d.datasets.open import open_recording
+from coin3d.geometry import BrownConrady
+from coin3d.geometry.undistort import undistort_image, undistorted_rig
 from coin3d.inference import SHIPPED, TOWN_ONLY, WEIGHTS_FOLDER, LoadedDetector
 from small_world import ring_rig
 
@@ -55,6 +58,14 @@ def test_images_from_memory_and_from_files_give_the_same_boxes(detector: LoadedD
 def test_order_of_the_images_does_not_matter(detector: LoadedDetector) -> None:
     backwards = dict(reversed(IMAGES.items()))
     np.testing.assert_array_equal(detector.detect(IMAGES, RIG).scores, detector.detect(backwards, RIG).scores)
+
+
+def test_lenses_are_undistorted(detector: LoadedDetector) -> None:
+    bent = RIG.with_cameras({name: replace(c, lens=BrownConrady(-0.2, 0.05, 0, 0)) for name, c in RIG.items()})
+    straight = {name: undistort_image(image, bent[name]) for name, image in IMAGES.items()}
+    expected = detector.detect(straight, undistorted_rig(bent))
+    np.testing.assert_array_equal(detector.detect(IMAGES, bent).centre_m, expected.centre_m)
+    assert not np.array_equal(detector.detect(IMAGES, RIG).centre_m, expected.centre_m)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from coin3d.commands.protocols import protocols
 from coin3d.commands.re_render import re_render
 from coin3d.commands.render import render
 from coin3d.commands.rig import rig
+from coin3d.commands.rig_import import rig_import
 from coin3d.commands.town import town
 from coin3d.commands.train import train
 
@@ -28,6 +29,7 @@ VERBS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "check": check,
     "rig": rig,
+    "rig import": rig_import,
     "detect": detect,
     "convert": convert,
     "town": town,
@@ -55,6 +57,7 @@ See it work (a few minutes on two cores, no download):
 Your own cameras: describe them in rig.yaml beside the images (docs/your_rig.md), look, then detect:
   coin3d check recordings/van --out out/check       rings on the ground must lie on the road
   coin3d rig recordings/van --other nuscenes --out out/rigs
+  coin3d rig import camchain.yaml --base-pose 1.7 0 1.4 0 0 0 --out recordings/van/rig.yaml
   coin3d detect town-coin3d recordings/van --out out/boxes
                                                     the shipped weights know only the town, no real street
 
@@ -86,6 +89,8 @@ def main(args: Sequence[str] | None = None) -> int:
         print(TUTORIAL.format(verbs="\n".join(f"  {name:<14}{_summary(verb)}" for name, verb in VERBS.items())), end="")
         return 0 if args else 2
     name, *rest = args
+    if rest and f"{name} {rest[0]}" in VERBS:
+        name, *rest = f"{name} {rest[0]}", *rest[1:]
     if name == "--version":
         from importlib.metadata import version
 

@@ -12,6 +12,7 @@ import torch
 
 from coin3d.datasets.frame import Frame, Recording
 from coin3d.datasets.image_source import ImageSource
+from coin3d.datasets.undistorted import UndistortedRecording, undistorted
 from coin3d.detectors import Detector
 from coin3d.geometry import Boxes3D, Rig
 from coin3d.training.checkpoint import load_checkpoint
@@ -71,7 +72,7 @@ class LoadedDetector:
 
         Args:
             images: camera name -> RGB pixels (h, w, 3) uint8, or an image file; one for every camera of the rig.
-            rig: calibration of the cameras.
+            rig: calibration of the cameras; images of cameras with lenses are undistorted first.
 
         Returns:
             Boxes in the ego frame (x forward, y left, z up, metres), best score first.
@@ -93,7 +94,9 @@ class LoadedDetector:
 
         Detectors that look back find earlier frames in ``recording``, or else among ``frames``.
         """
-        return predict(self.model, frames, recording=recording, precision=self.precision, device=self.device, progress=progress)
+        straight = [undistorted(frame) for frame in frames]
+        before = None if recording is None else UndistortedRecording(recording)
+        return predict(self.model, straight, recording=before, precision=self.precision, device=self.device, progress=progress)
 
 
 def load(

@@ -48,4 +48,4 @@ def test_the_lines_of_a_recording_load(tmp_path: Path) -> None:
 
 
 def test_there_are_examples() -> None:
-    assert len(_EXAMPLES) == 4 and len(_LINES) == 2
+    assert len(_EXAMPLES) == 5 and len(_LINES) == 2

@@ -57,7 +57,10 @@ def detection_box(token, row):
 
 
 def score(scenario):
-    truth, predictions = eval_boxes(scenario["truth"]), eval_boxes(scenario["predictions"])
+    return metrics(eval_boxes(scenario["truth"]), eval_boxes(scenario["predictions"]))
+
+
+def metrics(truth, predictions):
     result = {}
     for name, devkit_name in DEVKIT_NAME.items():
         curves = {t: accumulate(truth, predictions, devkit_name, center_distance, t) for t in THRESHOLDS_M}

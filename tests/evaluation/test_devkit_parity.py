@@ -13,7 +13,8 @@ import pytest
 from box_tables import random_detections, random_truth
 
 from coin3d.evaluation import Protocol, evaluate
-from coin3d.geometry import Boxes3D
+from coin3d.evaluation.results_json import write_results
+from coin3d.geometry import Boxes3D, Pose
 
 Tables = tuple[dict[str, Boxes3D], dict[str, Boxes3D]]
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -185,3 +186,24 @@ def test_order_of_equal_scores_matters():
     truth, predictions = one_score_for_all()
     backwards = {token: boxes[::-1] for token, boxes in reversed(predictions.items())}
     assert evaluate(truth, predictions, Protocol()).mean_ap != evaluate(truth, backwards, Protocol()).mean_ap
+
+
+def test_devkit_reads_what_we_write(tmp_path):
+    """Its own loader accepts the file, and the heading and size it reads are ours."""
+    truth, _ = plain()
+    pose = Pose.from_euler(0.5, 0, 0, [10, 20, 0])
+    write_results(tmp_path / "results.json", ((token, pose, boxes) for token, boxes in truth.items()))
+    code = (
+        "import json, sys; sys.path.insert(0, sys.argv[1]); import devkit_oracle as d\n"
+        "from nuscenes.eval.common.utils import quaternion_yaw; from pyquaternion import Quaternion\n"
+        "read = d.EvalBoxes.deserialize(json.load(open(sys.argv[2]))['results'], d.DetectionBox)\n"
+        "rows = [[*b.translation, *b.size, quaternion_yaw(Quaternion(b.rotation)), b.detection_score] for b in read.all]\n"
+        "json.dump(rows, sys.stdout)"
+    )
+    clean = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")}
+    command = [DEVKIT_PYTHON, "-c", code, Path(__file__).parent, tmp_path / "results.json"]
+    done = subprocess.run(command, capture_output=True, text=True, env=clean, check=False)
+    assert done.returncode == 0, done.stderr
+    boxes = Boxes3D.concatenate(truth.values()).transformed(pose)
+    ours = np.column_stack([boxes.centre_m, boxes.size_m[:, [1, 0, 2]], boxes.yaw_rad, boxes.scores])
+    np.testing.assert_allclose(json.loads(done.stdout), ours, rtol=0, atol=1e-9)

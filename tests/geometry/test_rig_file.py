@@ -7,7 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coin3d.geometry import Camera, GroundPlane, Lens, Pose, Rig, camera_pose, load_rig, preset_rig, save_rig
+from coin3d.geometry import (
+    BrownConrady,
+    Camera,
+    Fisheye,
+    GroundPlane,
+    Lens,
+    Pinhole,
+    Pose,
+    Rig,
+    camera_pose,
+    load_rig,
+    preset_rig,
+    save_rig,
+)
 
 GOOD = """
 name: my car
@@ -80,6 +93,20 @@ def test_an_awkward_rig_round_trips(tmp_path: Path) -> None:
     assert again.ego_from_vehicle.allclose(rig.ego_from_vehicle)
 
 
+def test_lenses_as_opencv_writes_them(tmp_path: Path) -> None:
+    for written, lens in (
+        ({"distortion": "[-0.3, 0.1, 0.001, -0.002]"}, BrownConrady(k1=-0.3, k2=0.1, p1=0.001, p2=-0.002)),
+        ({"distortion": "[-0.3, 0.1, 0.001, -0.002, 0.03]"}, BrownConrady(-0.3, 0.1, 0.001, -0.002, k3=0.03)),
+        ({"distortion": "[2, 0.4, 0, 0, 0.01, 2.5, 1, 0.1]"}, BrownConrady(2, 0.4, 0, 0, 0.01, k4=2.5, k5=1, k6=0.1)),
+        ({"fisheye": "[0.1, -0.02, 0.003, 0]"}, Fisheye(0.1, -0.02, 0.003, 0)),
+        ({}, Pinhole()),
+    ):
+        camera = load_rig(write(tmp_path, camera_text(**written)))["front"]
+        assert camera.lens == lens
+        rig = Rig({"front": camera})
+        assert_same(rig, through_file(rig, tmp_path))
+
+
 def through_file(rig: Rig, folder: Path) -> Rig:
     save_rig(rig, folder / "saved.yaml")
     assert not list(folder.glob("*.part"))
@@ -90,6 +117,7 @@ def assert_same(a: Rig, b: Rig) -> None:
     assert list(a) == list(b) and a.name == b.name
     for name in a:
         np.testing.assert_array_equal(a[name].K, b[name].K)
+        assert a[name].lens == b[name].lens
         assert (a[name].width_px, a[name].height_px) == (b[name].width_px, b[name].height_px)
         assert a[name].ego_from_cam.allclose(b[name].ego_from_cam, atol=1e-12)
 
@@ -110,6 +138,15 @@ def assert_same(a: Rig, b: Rig) -> None:
         (camera_text(focal=None), "exactly one of K, focal, fov_deg .found: none"),
         (camera_text(fov_deg="90"), "exactly one of K, focal, fov_deg .found: focal, fov_deg"),
         (camera_text(focal=None, fov_deg="190"), "between 0 and 180, got 190"),
+        (camera_text(distortion="[0, 0, 0, 0]", fisheye="[0, 0, 0, 0]"), "camera 'front': give distortion .* or fisheye"),
+        (camera_text(distortion="[0, 0, 0]"), "camera 'front': 'distortion' is .k1, k2, p1, p2."),
+        (camera_text(distortion="0.1"), "camera 'front': 'distortion' is .k1, k2, p1, p2."),
+        (camera_text(distortion="[" + "0, " * 11 + "0]"), "camera 'front': 'distortion' is .k1, k2, p1, p2."),
+        (camera_text(distortion="[0, 0, 0, a]"), "camera 'front': 'distortion' takes 4 numbers"),
+        (camera_text(distortion="[0, 0, 0, .inf]"), "'distortion' holds a number that is not finite"),
+        (camera_text(distortion="[-1e9, 0, 0, 0]"), "camera 'front': the Brown-Conrady lens .* folds back"),
+        (camera_text(fisheye="[0, 0, 0]"), "camera 'front': 'fisheye' takes 4 numbers"),
+        (camera_text(focal=None, fov_deg="90", fisheye="[0, 0, 0, 0]"), "camera 'front': with fisheye say how long"),
         (camera_text(focal="0"), "camera 'front': K is singular"),
         (camera_text(focal="true"), "'focal' takes 1 number, got True"),
         (camera_text(focal=".nan"), "'focal' holds a number that is not finite"),

@@ -110,7 +110,7 @@ def _intrinsics(name: str, camera: Camera) -> list[Finding]:
     left, right = camera.rays_cam(np.array([[0.0, camera.K[1, 2]], [camera.width_px, camera.K[1, 2]]]))
     cosine = left @ right / np.linalg.norm(left) / np.linalg.norm(right)
     fov_deg = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
-    if not _FOV_DEG[0] < fov_deg < _FOV_DEG[1]:
+    if fov_deg <= _FOV_DEG[0] or fov_deg >= _FOV_DEG[1]:  # not a number where a lens model ends before the image does
         findings.append(
             Finding(
                 "warning",

@@ -78,7 +78,7 @@ class CheckResult:
         return "\n".join([*lines, *(f"picture: {picture}" for picture in self.pictures)])
 
 
-def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = None) -> CheckResult:
+def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = None, undistort: bool = True) -> CheckResult:
     """Check a recording: pictures, counts and findings go to ``out``, and a summary is printed.
 
     Args:
@@ -86,6 +86,7 @@ def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = No
         out: folder for ``result.json`` and the pictures; made if missing.
         frames: how many frames to look at, spread evenly over the recording.
         split: which scenes of it; by default all.
+        undistort: as ``open_recording`` takes it.
 
     Raises:
         FileNotFoundError: not a recording.
@@ -94,7 +95,7 @@ def check(path: Path, out: Path, frames: int = 3, split: SplitChoice | None = No
     if frames < 1:
         raise ValueError(f"at least one frame has to be checked, got frames={frames}")
     path, out = Path(path), Path(out)
-    recording = open_recording(path, split)
+    recording = open_recording(path, split, undistort=undistort)
     inspection = inspect(recording, frames)
     reports = inspection.reports
     if not any(report.readable for report in reports):

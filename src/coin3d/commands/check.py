@@ -13,6 +13,7 @@ def check(
     out: Path,
     frames: int = 3,
     split: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: all scenes)")] = None,
+    undistort: bool = True,
 ) -> None:
     """Draw LiDAR and boxes into every image of a recording, count, and say what looks wrong.
 
@@ -28,9 +29,10 @@ def check(
         out: folder for result.json and the pictures.
         frames: how many frames to look at, evenly spread.
         split: look at these scenes: a split of nuScenes, Lyft or DDAD (val), or a text file with scene names.
+        undistort: look at images of cameras with lenses as detectors get them; --no-undistort shows them as recorded.
     """
     from coin3d.check import check as run_check
     from coin3d.commands.outcome import RESULT_FILE
 
-    run_check(path, out, frames, split)
+    run_check(path, out, frames, split, undistort)
     print(f"result:  {out / RESULT_FILE}")

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from coin3d.geometry import Boxes3D
 
 DETECTIONS_FILE = "detections.json"
+RESULTS_FILE = "results.json"
 
 
 def detect(
@@ -24,6 +25,7 @@ def detect(
     frames: int = 0,
     pictures: int = 40,
     min_score: float = 0.25,
+    results: bool = False,
     gaussians: Path | None = None,
     rerun: bool = False,
     precision: Literal["float32", "bfloat16"] = "float32",
@@ -47,6 +49,7 @@ def detect(
         frames: look at this many frames, evenly spread; 0 means all.
         pictures: draw this many of them, evenly spread; 0 means all.
         min_score: draw boxes with at least this score; detections.json has all of them.
+        results: also write results.json, the same boxes in the format of the nuScenes detection task.
         gaussians: folder that build-scenes wrote for this recording: boxes are drawn on the point cloud as well.
         rerun: also write frames.rrd with the frames that are drawn, for the Rerun viewer.
         precision: number format of the network; bfloat16 may be faster where the hardware has it.
@@ -56,6 +59,7 @@ def detect(
 
     from coin3d.datasets.open import open_recording
     from coin3d.drawing.sheet import save_png
+    from coin3d.evaluation.results_json import write_results
     from coin3d.inference import load
     from coin3d.records import write_json
     from coin3d.rendering.gaussian_folder import GaussianFolder
@@ -72,6 +76,8 @@ def detect(
     found = detector.detect_frames(chosen, print, recording=source)
     seconds = time.monotonic() - began
     write_json(out / DETECTIONS_FILE, _detections(chosen, found, detector.note))
+    if results:
+        write_results(out / RESULTS_FILE, ((frame.token, frame.world_from_ego, found[frame.token]) for frame in chosen))
     drawn: list[Path] = []
     with ExitStack() as files:
         viewer = files.enter_context(RerunFile(out / "frames.rrd")) if rerun else None
@@ -89,7 +95,7 @@ def detect(
     total = sum(map(len, found.values()))
     likely_total = sum(len(likely(boxes, min_score)) for boxes in found.values())
     print(f"{len(chosen)} frames in {seconds:.1f} s: {total} boxes, {likely_total} of them with score >= {min_score:g}")
-    print(f"boxes:   {out / DETECTIONS_FILE}")
+    print(f"boxes:   {out / DETECTIONS_FILE}" + (f" and {out / RESULTS_FILE}" if results else ""))
     result = {
         "checkpoint": str(detector.path),
         "detector": detector.description["detector"],

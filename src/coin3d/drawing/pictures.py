@@ -108,7 +108,7 @@ def _on_ground(xy: Float[np.ndarray, "n 2"], ground: GroundPlane) -> Float[np.nd
 def project_line(
     camera: Camera, start_ego: Float[np.ndarray, "3"], end_ego: Float[np.ndarray, "3"]
 ) -> list[Float[np.ndarray, "k 2"]]:
-    """The part of a 3D line segment in front of the camera as at most one polyline of pixels."""
+    """The part of a 3D line segment in front of the camera as polylines of pixels: one, or what a lens shows of it."""
     _, depth_m = camera.project(np.stack([start_ego, end_ego]))
     depth_start, depth_end = float(depth_m[0]), float(depth_m[1])
     if max(depth_start, depth_end) <= _NEAR_M:
@@ -119,7 +119,11 @@ def project_line(
         first, last = (crossing, 1.0) if depth_start < _NEAR_M else (0.0, crossing)
     share = np.linspace(first, last, _PIECES + 1)[:, None]
     pixels, _ = camera.project(start_ego + share * (end_ego - start_ego))
-    return [pixels]
+    shown = np.isfinite(pixels).all(1)
+    if shown.all():
+        return [pixels]
+    runs = np.split(np.arange(len(pixels)), np.flatnonzero(shown[1:] != shown[:-1]) + 1)
+    return [pixels[run] for run in runs if shown[run[0]] and len(run) > 1]
 
 
 def _tint_front(
@@ -129,6 +133,8 @@ def _tint_front(
     if len(outline) < 3:
         return
     pixels, _ = camera.project(outline)
+    if not np.isfinite(pixels).all():
+        return  # reaches beyond what the lens shows
     height, width = out.shape[:2]
     low = np.floor(pixels.min(0)).clip(0, (width, height)).astype(int)
     high = np.ceil(pixels.max(0) + 1).clip(0, (width, height)).astype(int)

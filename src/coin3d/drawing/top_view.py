@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from coin3d.drawing.colours import BACKGROUND, FAINT, PREDICTION, RGB, TEXT, TRUTH, class_colour, colour_map
 from coin3d.drawing.text import put_text, text_size
 from coin3d.geometry import Boxes3D, Camera, Rig
+from coin3d.geometry.undistort import pinhole_camera
 
 _RING_M = 10.0
 _WEDGE_M = 9.0
@@ -81,8 +82,9 @@ def top_view(
 
 
 def _draw_wedge(canvas: _Canvas, camera: Camera) -> None:
-    edges = np.array([[0.0, camera.K[1, 2]], [camera.width_px, camera.K[1, 2]]])
-    directions = camera.rays_ego(edges)[:, :2]
+    straight = pinhole_camera(camera)  # a lens may have no ray at the edge of the image, or one that looks back
+    edges = np.array([[0.0, straight.K[1, 2]], [straight.width_px, straight.K[1, 2]]])
+    directions = straight.rays_ego(edges)[:, :2]
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     if (lengths < 1e-6).any():
         return  # looks straight up or down: no wedge to draw

@@ -1,68 +1,136 @@
-"""Greedy matching of detections to objects by centre distance, for all samples at once."""
+"""Which object each detection takes, for all samples at once."""
 
 from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from coin3d.evaluation.box_table import BoxTable
+from coin3d.evaluation.curves import RankedClass
+from coin3d.evaluation.protocol import Protocol
+from coin3d.geometry import wrap_angle
+from coin3d.native import match_boxes
 
-def match_greedily(
-    detection_xy_m: Float[np.ndarray, "n 2"],
-    detection_sample: Int[np.ndarray, "n"],
-    object_xy_m: Float[np.ndarray, "m 2"],
-    object_sample: Int[np.ndarray, "m"],
-    thresholds_m: tuple[float, ...],
-) -> Int[np.ndarray, "t n"]:
-    """Which object each detection of one class takes, at each threshold.
+_THREADS = os.cpu_count() or 1
 
-    In order of confidence each detection takes the nearest object of its sample that is still free, if it is nearer
-    than the threshold; of equally near objects the first row. Detections of different samples never compete, so the
-    k-th detections of all samples are matched together: the loop is as long as the fullest sample, not the data set.
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Detections matched to objects: everything that metrics, curves, breakdowns and intervals are made from.
 
     Args:
-        detection_xy_m: centres, most confident first.
-        detection_sample: sample of each detection, 0 .. S-1.
-        object_xy_m: centres of the ground truth, in the same frame as the detections of the same sample.
-        object_sample: sample of each object.
-        thresholds_m: largest distances of a match (exclusive).
-
-    Returns:
-        (T, N) row of the matched object, -1 for a false positive.
+        truth: objects; those labelled -1 take no part.
+        predictions: detections, with the same classes.
+        protocol: classes and thresholds.
+        object_row: (T, N) row of ``truth`` that each detection takes at each threshold, -1 for a false positive.
     """
-    matched = np.full((len(thresholds_m), len(detection_xy_m)), -1, dtype=np.int64)
-    if not len(detection_xy_m) or not len(object_xy_m):
-        return matched
-    num_samples = 1 + int(max(detection_sample.max(), object_sample.max()))
-    slot = _rank_in_group(object_sample, num_samples)
-    objects = np.full((num_samples, 1 + int(slot.max())), -1, dtype=np.int64)
-    objects[object_sample, slot] = np.arange(len(object_xy_m))
-    xy = np.full((*objects.shape, 2), np.inf)
-    xy[object_sample, slot] = object_xy_m
-    taken = np.zeros((len(thresholds_m), *objects.shape), dtype=bool)
 
-    reach_m = max(thresholds_m)
-    turn = _rank_in_group(detection_sample, num_samples)
-    by_turn = np.argsort(turn, kind="stable")
-    for rows in np.split(by_turn, np.flatnonzero(np.diff(turn[by_turn])) + 1):
-        offset = xy[detection_sample[rows]] - detection_xy_m[rows, None]
-        distance_m = np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2)
-        near = distance_m.min(axis=1) < reach_m
-        rows, distance_m = rows[near], distance_m[near]
-        sample = detection_sample[rows]
-        for t, threshold_m in enumerate(thresholds_m):
-            free_m = np.where(taken[t, sample], np.inf, distance_m)
-            nearest = free_m.argmin(axis=1)
-            hit = free_m[np.arange(len(rows)), nearest] < threshold_m
-            taken[t, sample[hit], nearest[hit]] = True
-            matched[t, rows[hit]] = objects[sample[hit], nearest[hit]]
-    return matched
+    truth: BoxTable
+    predictions: BoxTable
+    protocol: Protocol
+    object_row: Int[np.ndarray, "t n"]
+
+    @cached_property
+    def ranked_rows(self) -> tuple[Int[np.ndarray, "k"], ...]:
+        """For every class of the protocol the rows of its detections, most confident first.
+
+        Equal scores: the later row first, which is the order of the nuScenes devkit.
+        """
+
+        def ranked(c: int) -> Int[np.ndarray, "k"]:
+            rows = np.flatnonzero(self.predictions.label == c)
+            # reversing an ascending stable sort puts the later of equal scores first
+            return np.asarray(rows[np.argsort(self.predictions.score[rows], kind="stable")[::-1]])
+
+        with ThreadPoolExecutor(_THREADS) as pool:
+            return tuple(pool.map(ranked, range(len(self.protocol.classes))))
+
+    @cached_property
+    def ranked_scores(self) -> tuple[Float[np.ndarray, "k"], ...]:
+        """The scores of ``ranked_rows``."""
+        return tuple(self.predictions.score[rows] for rows in self.ranked_rows)
+
+    def ranked(self, class_name: str, threshold_m: float) -> RankedClass:
+        """Hits and misses of a class at a threshold."""
+        c, t = self._places(class_name, threshold_m)
+        hit = self.object_row[t, self.ranked_rows[c]] >= 0
+        return RankedClass(self.ranked_scores[c], hit, self.truth.number_of(class_name))
+
+    def hit_errors(self, class_name: str) -> Float[np.ndarray, "3 k"]:
+        """Errors of the hits of a class at ``tp_threshold_m``, most confident first."""
+        c, t = self._places(class_name, self.protocol.tp_threshold_m)
+        rows = self.ranked_rows[c]
+        rows = rows[self.object_row[t, rows] >= 0]
+        return self.errors_of(rows, self.object_row[t, rows])
+
+    def errors_of(self, rows: Int[np.ndarray, "k"], object_rows: Int[np.ndarray, "k"]) -> Float[np.ndarray, "3 k"]:
+        """Translation (m), scale (1 - IoU of boxes put on top of each other) and orientation (rad, 0 .. pi) errors."""
+        offset = self.predictions.centre_m[rows, :2] - self.truth.centre_m[object_rows, :2]
+        translation = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+        size, true_size = self.predictions.size_m[rows], self.truth.size_m[object_rows]
+        overlap = np.minimum(true_size, size).prod(axis=1)
+        union = true_size.prod(axis=1) + size.prod(axis=1) - overlap
+        orientation = np.abs(wrap_angle(self.truth.yaw_rad[object_rows] - self.predictions.yaw_rad[rows]))
+        return np.stack([translation, 1 - overlap / union, orientation])
+
+    def _places(self, class_name: str, threshold_m: float) -> tuple[int, int]:
+        return self.protocol.classes.index(class_name), self.protocol.distance_thresholds_m.index(threshold_m)
 
 
-def _rank_in_group(group: Int[np.ndarray, "n"], num_groups: int) -> Int[np.ndarray, "n"]:
-    """0 for the first row of each group, 1 for its second, and so on."""
-    order = np.argsort(group, kind="stable")
-    counts = np.bincount(group, minlength=num_groups)
-    first = np.cumsum(counts) - counts
-    rank = np.empty(len(group), dtype=np.int64)
-    rank[order] = np.arange(len(group)) - first[group[order]]
-    return rank
+def match(truth: BoxTable, predictions: BoxTable, protocol: Protocol) -> Matches:
+    """Match greedily, by distance of centres in xy.
+
+    In order of confidence each detection takes the nearest object of its class and sample that is still free, if it is
+    nearer than the threshold; of equally near objects the first row. Detections of different samples never compete, so
+    samples are matched one by one, in parallel; the outcome does not depend on the number of threads. What this computes
+    is spelled out in ``reference.py``.
+
+    Args:
+        truth: objects, boxes of a sample in the same frame as its predictions.
+        predictions: detections; any samples of ``truth`` in any order.
+        protocol: the thresholds. Nothing is filtered here.
+
+    Raises:
+        ValueError: tables with other classes than the protocol's, or a predicted sample that is not in ``truth``.
+    """
+    for table in (truth, predictions):
+        if table.classes != protocol.classes:
+            raise ValueError(
+                f"a table has the classes {list(table.classes)}, protocol '{protocol.name}' {list(protocol.classes)}"
+            )
+    check_samples(truth, predictions)
+    thresholds_m = np.array(protocol.distance_thresholds_m)
+    object_row = np.empty((len(thresholds_m), len(predictions)), dtype=np.int32)
+    match_boxes(
+        predictions.centre_m,
+        predictions.score,
+        predictions.label,
+        predictions.start,
+        np.array([truth.place_of[token] for token in predictions.tokens], dtype=np.int64),
+        truth.centre_m,
+        truth.label,
+        truth.start,
+        labels=len(protocol.classes),
+        thresholds=thresholds_m,
+        matched=object_row,
+        threads=_THREADS,
+    )
+    return Matches(truth, predictions, protocol, object_row)
+
+
+def check_samples(truth: BoxTable, predictions: BoxTable) -> None:
+    """Refuse predictions of unknown samples.
+
+    Raises:
+        ValueError: a predicted sample that is not in ``truth``.
+    """
+    if unknown := [token for token in predictions.tokens if token not in truth.place_of]:
+        raise ValueError(
+            f"{len(unknown)} of {len(predictions.tokens)} predicted samples are not in the ground truth, the first is "
+            f"'{unknown[0]}': are predictions and ground truth of the same recording and split?"
+        )

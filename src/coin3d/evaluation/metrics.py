@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Shaped
 
-from coin3d.evaluation.curves import RankedClass, average_precision, mean_errors
-from coin3d.evaluation.matching import match_greedily
+from coin3d.evaluation.box_table import BoxTable
+from coin3d.evaluation.curves import average_precision, mean_errors
+from coin3d.evaluation.matching import Matches, match
 from coin3d.evaluation.protocol import Protocol
-from coin3d.geometry import Boxes3D, wrap_angle
+from coin3d.geometry import Boxes3D
 
 
 @dataclass(frozen=True)
@@ -103,77 +104,56 @@ def evaluate(truth: Mapping[str, Boxes3D], predictions: Mapping[str, Boxes3D], p
         ValueError: a prediction for a sample that is not in ``truth``, of a class that is not scored, or with a score
             outside [0, 1].
     """
-    check_predictions(truth, predictions, protocol)
-    sample_of = {token: i for i, token in enumerate(truth)}
-    objects, object_sample = _stack(truth, sample_of)
-    detections, detection_sample = _stack(predictions, sample_of)
-    classes = {}
-    for name in protocol.classes:
-        of_class = objects.labels == name
-        # reversing an ascending stable sort puts the later of equal scores first
-        rows = np.flatnonzero(detections.labels == name)
-        rows = rows[np.argsort(detections.scores[rows], kind="stable")[::-1]]
-        classes[name] = _evaluate_class(
-            objects[of_class], object_sample[of_class], detections[rows], detection_sample[rows], protocol
-        )
-    return Metrics(classes, len(truth))
+    return metrics_of(match(BoxTable.from_boxes(truth, protocol.classes), prediction_table(predictions, protocol), protocol))
 
 
-def _evaluate_class(
-    objects: Boxes3D,
-    object_sample: Int[np.ndarray, "m"],
-    detections: Boxes3D,
-    detection_sample: Int[np.ndarray, "n"],
-    protocol: Protocol,
-) -> ClassMetrics:
-    """One class; detections most confident first."""
-    thresholds_m = protocol.distance_thresholds_m
-    matched = match_greedily(detections.centre_m[:, :2], detection_sample, objects.centre_m[:, :2], object_sample, thresholds_m)
-    ap_at = {
-        threshold_m: average_precision(RankedClass(detections.scores, matched[t] >= 0, len(objects)), protocol)
-        for t, threshold_m in enumerate(thresholds_m)
-    }
-    at_tp = matched[thresholds_m.index(protocol.tp_threshold_m)]
-    hit = at_tp >= 0
-    errors = pair_errors(objects[at_tp[hit]], detections[hit])
-    ate, ase, aoe = mean_errors(RankedClass(detections.scores, hit, len(objects)), errors, protocol)
-    return ClassMetrics(ap_at, ate, ase, aoe, len(objects), len(detections))
+def metrics_of(matches: Matches) -> Metrics:
+    """The numbers of matched tables."""
+    return Metrics({name: _class_metrics(matches, name) for name in matches.protocol.classes}, len(matches.truth.tokens))
 
 
-def pair_errors(objects: Boxes3D, detections: Boxes3D) -> Float[np.ndarray, "3 k"]:
-    """Translation (m), scale (1 - IoU of aligned boxes) and orientation (rad, 0 .. pi) errors of matched rows."""
-    offset = detections.centre_m[:, :2] - objects.centre_m[:, :2]
-    translation = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
-    overlap = np.minimum(objects.size_m, detections.size_m).prod(axis=1)
-    union = objects.size_m.prod(axis=1) + detections.size_m.prod(axis=1) - overlap
-    orientation = np.abs(wrap_angle(objects.yaw_rad - detections.yaw_rad))
-    return np.stack([translation, 1 - overlap / union, orientation])
+def _class_metrics(matches: Matches, name: str) -> ClassMetrics:
+    protocol = matches.protocol
+    ap_at = {}
+    ate = ase = aoe = 1.0
+    for threshold_m in protocol.distance_thresholds_m:
+        ranked = matches.ranked(name, threshold_m)
+        ap_at[threshold_m] = average_precision(ranked, protocol)
+        if threshold_m == protocol.tp_threshold_m:
+            ate, ase, aoe = mean_errors(ranked, matches.hit_errors(name), protocol)
+    return ClassMetrics(ap_at, ate, ase, aoe, matches.truth.number_of(name), matches.predictions.number_of(name))
 
 
-def _stack(tables: Mapping[str, Boxes3D], sample_of: Mapping[str, int]) -> tuple[Boxes3D, Int[np.ndarray, "n"]]:
-    """All rows in the order of the mapping, and the sample of each."""
-    samples = np.array([sample_of[token] for token in tables], dtype=np.int64)
-    counts = np.array([len(boxes) for boxes in tables.values()], dtype=np.int64)
-    return Boxes3D.concatenate(tables.values()), np.repeat(samples, counts)
+def prediction_table(predictions: Mapping[str, Boxes3D], protocol: Protocol) -> BoxTable:
+    """Predictions in columns.
 
-
-def check_predictions(truth: Mapping[str, Boxes3D], predictions: Mapping[str, Boxes3D], protocol: Protocol) -> None:
-    """Refuse predictions that cannot be scored; the errors are those of ``evaluate``."""
-    unknown = [token for token in predictions if token not in truth]
-    if unknown:
+    Raises:
+        ValueError: a class that is not scored, or a score outside [0, 1].
+    """
+    table = BoxTable.from_boxes(predictions, protocol.classes)
+    if len(other := np.flatnonzero(table.label < 0)):
+        token = table.token_of(int(other[0]))
+        names: Shaped[np.ndarray, "k"] = predictions[token].labels
         raise ValueError(
-            f"{len(unknown)} of {len(predictions)} predicted samples are not in the ground truth, the first is "
-            f"'{unknown[0]}': are predictions and ground truth of the same recording and split?"
+            f"sample '{token}' has predictions of class '{names[other[0] - table.start[table.place_of[token]]]}', but protocol "
+            f"'{protocol.name}' scores {', '.join(protocol.classes)}: map or drop the others before scoring"
         )
-    for token, boxes in predictions.items():
-        other: Shaped[np.ndarray, "k"] = boxes.labels[~np.isin(boxes.labels, protocol.classes)]
-        if len(other):
-            raise ValueError(
-                f"sample '{token}' has predictions of class '{other[0]}', but protocol '{protocol.name}' scores "
-                f"{', '.join(protocol.classes)}: map or drop the others before scoring"
-            )
-        if len(boxes) and not (boxes.scores.min() >= 0 and boxes.scores.max() <= 1):
-            raise ValueError(
-                f"sample '{token}' has scores from {boxes.scores.min():g} to {boxes.scores.max():g}: "
-                "scores are probabilities in [0, 1]; apply the sigmoid first"
-            )
+    check_scores(table)
+    return table
+
+
+def check_scores(predictions: BoxTable) -> None:
+    """Refuse scores that are no probabilities.
+
+    Raises:
+        ValueError: a score outside [0, 1].
+    """
+    score = predictions.score
+    if len(score) and (score.min() < 0 or score.max() > 1):
+        token = predictions.token_of(int(np.argmax((score < 0) | (score > 1))))
+        place = predictions.place_of[token]
+        own = score[predictions.start[place] : predictions.start[place + 1]]
+        raise ValueError(
+            f"sample '{token}' has scores from {own.min():g} to {own.max():g}: "
+            "scores are probabilities in [0, 1]; apply the sigmoid first"
+        )

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from coin3d.evaluation.filters import filter_predictions, filter_truth
-from coin3d.evaluation.metrics import ClassMetrics, Metrics, check_predictions, evaluate
+import numpy as np
+
+from coin3d.datasets.classes import ClassMap
+from coin3d.datasets.frame import Frame
+from coin3d.evaluation.box_table import BoxTable
+from coin3d.evaluation.matching import Matches, check_samples, match
+from coin3d.evaluation.metrics import ClassMetrics, Metrics, check_scores, metrics_of, prediction_table
 from coin3d.evaluation.protocol import Protocol
+from coin3d.evaluation.table_filters import counted_predictions, counted_truth
 from coin3d.geometry import Boxes3D, Rig
 
 
@@ -59,6 +65,20 @@ class Report:
         return "\n".join(lines)
 
 
+def annotated_boxes(frames: Iterable[Frame], class_map: ClassMap) -> dict[str, Boxes3D]:
+    """Token -> annotated boxes in the ego frame, with the classes of the map.
+
+    Raises:
+        ValueError: a frame without annotations.
+    """
+    truth = {}
+    for frame in frames:
+        if frame.boxes is None:
+            raise ValueError(f"frame {frame.token} has no annotations to score against; coin3d detect needs none")
+        truth[frame.token] = class_map.apply(frame.boxes)
+    return truth
+
+
 def score(
     truth: Mapping[str, Boxes3D], predictions: Mapping[str, Boxes3D], rigs: Mapping[str, Rig], protocol: Protocol
 ) -> Report:
@@ -75,30 +95,55 @@ def score(
         ValueError: no samples; a sample without a rig; ground truth of which no box has a scored class; or what
             ``evaluate`` refuses.
     """
-    if not truth:
-        raise ValueError("there are no samples to score: the ground truth is empty")
-    if missing := [token for token in truth if token not in rigs]:
-        raise ValueError(f"{len(missing)} samples have no rig, the first is '{missing[0]}'")
-    labels = {str(label) for boxes in truth.values() for label in boxes.labels}
+    return score_tables(truth_table(truth, protocol), prediction_table(predictions, protocol), rigs, protocol)[0]
+
+
+def truth_table(truth: Mapping[str, Boxes3D], protocol: Protocol) -> BoxTable:
+    """Ground truth in columns; boxes of classes the protocol does not name take no part.
+
+    Raises:
+        ValueError: boxes, but none with a scored class.
+    """
+    labels = {str(label) for boxes in truth.values() for label in np.unique(boxes.labels)}
     if labels and not labels & set(protocol.classes):
         raise ValueError(
             f"no ground truth of the classes {', '.join(protocol.classes)}: found {', '.join(sorted(labels)[:8])}; "
             "map the data set's categories first (coin3d.datasets.classes)"
         )
-    # before the range filter, which would silently drop classes that are not scored
-    check_predictions(truth, predictions, protocol)
+    return BoxTable.from_boxes(truth, protocol.classes)
+
+
+def score_tables(truth: BoxTable, predictions: BoxTable, rigs: Mapping[str, Rig], protocol: Protocol) -> tuple[Report, Matches]:
+    """Score tables under a protocol.
+
+    Args:
+        truth: boxes in the ego frame at the reference time, with the protocol's classes.
+        predictions: boxes in the same frame; samples that are left out have no predictions.
+        rigs: sample token -> the cameras of that sample.
+        protocol: the rules.
+
+    Returns:
+        The report, and the matches behind it, from which breakdowns, curves and intervals are made.
+
+    Raises:
+        ValueError: no samples, a sample without a rig, scores that are no probabilities, or what ``match`` refuses.
+    """
+    if not truth.tokens:
+        raise ValueError("there are no samples to score: the ground truth is empty")
+    if missing := [token for token in truth.tokens if token not in rigs]:
+        raise ValueError(f"{len(missing)} samples have no rig, the first is '{missing[0]}'")
+    check_samples(truth, predictions)
+    check_scores(predictions)
     unfiltered = replace(protocol, visible_only=False, drop_zero_lidar=False)
-    open_metrics = _filter_and_evaluate(truth, predictions, rigs, unfiltered)
-    metrics = open_metrics if unfiltered == protocol else _filter_and_evaluate(truth, predictions, rigs, protocol)
-    return Report(protocol, metrics, open_metrics)
+    # first, so that its matches are gone when the others are made
+    open_metrics = None if unfiltered == protocol else metrics_of(_filter_and_match(truth, predictions, rigs, unfiltered))
+    matches = _filter_and_match(truth, predictions, rigs, protocol)
+    metrics = metrics_of(matches)
+    return Report(protocol, metrics, open_metrics or metrics), matches
 
 
-def _filter_and_evaluate(
-    truth: Mapping[str, Boxes3D], predictions: Mapping[str, Boxes3D], rigs: Mapping[str, Rig], protocol: Protocol
-) -> Metrics:
-    kept_truth = {token: filter_truth(boxes, rigs[token], protocol) for token, boxes in truth.items()}
-    kept_predictions = {token: filter_predictions(boxes, rigs[token], protocol) for token, boxes in predictions.items()}
-    return evaluate(kept_truth, kept_predictions, protocol)
+def _filter_and_match(truth: BoxTable, predictions: BoxTable, rigs: Mapping[str, Rig], protocol: Protocol) -> Matches:
+    return match(counted_truth(truth, rigs, protocol), counted_predictions(predictions, rigs, protocol), protocol)
 
 
 def _means(metrics: Metrics) -> dict[str, float]:

@@ -5,6 +5,8 @@ from coin3d.geometry.camera import MIN_DEPTH_M, Camera
 from coin3d.geometry.ground import GroundPlane
 from coin3d.geometry.image_transform import ImageTransform, fit_width
 from coin3d.geometry.lens import Lens, Pinhole
+from coin3d.geometry.lens_brown_conrady import BrownConrady
+from coin3d.geometry.lens_fisheye import Fisheye
 from coin3d.geometry.pose import Pose, camera_pose
 from coin3d.geometry.rig import Rig
 from coin3d.geometry.rig_file import load_rig, save_rig
@@ -14,7 +16,9 @@ __all__ = [
     "MIN_DEPTH_M",
     "RIG_PRESETS",
     "Boxes3D",
+    "BrownConrady",
     "Camera",
+    "Fisheye",
     "GroundPlane",
     "ImageTransform",
     "Lens",

@@ -73,13 +73,22 @@ class Camera:
 
     @property
     def fov_horizontal_rad(self) -> float:
-        """2 arctan(c_u / f_u), paper eq. fov_calc (supplement)."""
+        """2 arctan(c_u / f_u), paper eq. fov_calc (supplement); through another lens twice the angle to the left edge."""
+        if not isinstance(self.lens, Pinhole):
+            return 2 * self._angle_rad(0.0, self.K[1, 2])
         return float(2 * np.arctan(self.K[0, 2] / abs(self.K[0, 0])))
 
     @property
     def fov_vertical_rad(self) -> float:
-        """2 arctan((h - c_v) / f_v), paper eq. fov_calc: the part below the principal point, doubled."""
+        """2 arctan((h - c_v) / f_v), paper eq. fov_calc: the part below the principal point, doubled; so for any lens."""
+        if not isinstance(self.lens, Pinhole):
+            return 2 * self._angle_rad(self.K[0, 2], float(self.height_px))
         return float(2 * np.arctan((self.height_px - self.K[1, 2]) / abs(self.K[1, 1])))
+
+    def _angle_rad(self, u: float, v: float) -> float:
+        """Angle between a pixel's ray and the optical axis; not a number where the lens model ends before it."""
+        x, y, z = self.rays_cam(np.array([u, v]))
+        return float(np.arctan2(np.hypot(x, y), z))
 
     def transformed(self, pixel_map: Float[np.ndarray, "3 3"], width_px: int, height_px: int) -> Camera:
         """The camera of an image that was resized, cropped, flipped or rotated by the affine (3, 3) ``pixel_map``."""
@@ -92,7 +101,8 @@ class Camera:
     def project(self, points_ego: Float[np.ndarray, "... 3"]) -> tuple[Float[np.ndarray, "... 2"], Float[np.ndarray, "..."]]:
         """Pixels (u, v) and depth z (metres along the optical axis) of points in the ego frame.
 
-        Pixels of points behind the camera (z <= 0) are NaN.
+        Pixels of points behind the camera (z <= 0) are NaN, through a fisheye that sees them too: depth along the optical axis
+        has no meaning there.
         """
         points_cam = self.ego_from_cam.inverse().apply(points_ego)
         depth_m = points_cam[..., 2]
@@ -102,7 +112,7 @@ class Camera:
         return plane @ self.K[:2, :2].T + self.K[:2, 2], depth_m
 
     def rays_cam(self, pixels: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 3"]:
-        """Rays through pixels in the camera frame (pinhole: z = 1, so that depth times ray is the point)."""
+        """Rays through pixels in the camera frame (all but fisheyes: z = 1, so that depth times ray is the point)."""
         plane = (np.asarray(pixels, dtype=np.float64) - self.K[:2, 2]) @ np.linalg.inv(self.K[:2, :2]).T
         return self.lens.ray_from_plane(plane)
 

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from coin3d.geometry.camera import Camera
 from coin3d.geometry.ground import GroundPlane
+from coin3d.geometry.lens import Pinhole
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +38,14 @@ class CameraTensors:
         """Stack cameras that share an image size, each with the ground plane of its rig (float32).
 
         Raises:
-            ValueError: no cameras, cameras of different image sizes, or another number of ground planes.
+            ValueError: no cameras, a camera with a lens other than the pinhole, cameras of different image sizes, or another
+                number of ground planes.
         """
+        if bent := [c.lens for c in cameras if not isinstance(c.lens, Pinhole)]:
+            raise ValueError(
+                f"a camera batch holds pinhole cameras only, got one with the lens {bent[0]}: undistort its frame first with "
+                "coin3d.datasets.undistorted.undistorted(frame); open_recording does so by itself"
+            )
         sizes = {(c.height_px, c.width_px) for c in cameras}
         if len(sizes) != 1:
             raise ValueError(f"a camera batch has exactly one image size, got {sorted(sizes)}")

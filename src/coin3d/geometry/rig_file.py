@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,9 @@ import yaml
 
 from coin3d.geometry.camera import Camera
 from coin3d.geometry.ground import GroundPlane
+from coin3d.geometry.lens import Lens, Pinhole
+from coin3d.geometry.lens_brown_conrady import BrownConrady
+from coin3d.geometry.lens_fisheye import Fisheye
 from coin3d.geometry.pose import Pose, camera_pose
 from coin3d.geometry.rig import Rig
 from coin3d.records import write_bytes
@@ -17,6 +21,7 @@ from coin3d.records import write_bytes
 _RIG_KEYS = {"name", "cameras", "pixel_origin", "ground", "ego_from_vehicle"}
 _CAMERA_KEYS = {
     "size", "K", "focal", "centre", "fov_deg", "position", "yaw_deg", "pitch_deg", "roll_deg", "vehicle_from_cam", "quaternion",
+    "distortion", "fisheye",
 }  # fmt: skip
 _PIXEL_ORIGINS = {"opencv": 0.5, "edge": 0.0}
 
@@ -32,8 +37,10 @@ def load_rig(path: Path | str) -> Rig:
         raise FileNotFoundError(f"{path}: no such rig file; docs/your_rig.md shows one")
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not readable as YAML: {error}") from error
+    except RecursionError as error:
+        raise ValueError(f"{path}: not readable as YAML: nested too deeply") from error
     try:
         return rig_from_dict(data, default_name=path.stem)
     except ValueError as error:
@@ -52,7 +59,7 @@ def rig_from_dict(data: Any, default_name: str = "rig") -> Rig:
     _no_unknown_keys(data, _RIG_KEYS, "the rig")
     origin = data.get("pixel_origin", "opencv")
     if origin not in _PIXEL_ORIGINS:
-        raise ValueError(f"pixel_origin is 'opencv' (pixel centres at whole numbers) or 'edge', got {origin!r}")
+        raise ValueError(f"pixel_origin is 'opencv' (pixel centres at whole numbers) or 'edge', got {short(origin)}")
     ego_from_vehicle = _pose(data["ego_from_vehicle"], "ego_from_vehicle") if "ego_from_vehicle" in data else Pose.identity()
     cameras = {
         str(name): _camera(str(name), entry, _PIXEL_ORIGINS[origin], ego_from_vehicle)
@@ -70,11 +77,10 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
     if not rig.ground.is_default:
         data["ground"] = {"normal": rig.ground.normal.tolist(), "offset": rig.ground.offset_m}
     for name, camera in rig.items():
-        if type(camera.lens).__name__ != "Pinhole":
-            raise ValueError(f"camera '{name}' has the lens {camera.lens}, which rig files cannot hold yet")
         data["cameras"][name] = {
             "size": [camera.width_px, camera.height_px],
             "K": camera.K.tolist(),
+            **_lens_entry(camera.lens, name),
             "vehicle_from_cam": (vehicle_from_ego @ camera.ego_from_cam).matrix.tolist(),
         }
     return data
@@ -83,13 +89,13 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
 def _camera(name: str, entry: Any, pixel_shift: float, ego_from_vehicle: Pose) -> Camera:
     where = f"camera '{name}'"
     if not isinstance(entry, dict):
-        raise ValueError(f"{where}: expected keys such as size, focal, position, yaw_deg, got {entry!r}")
+        raise ValueError(f"{where}: expected keys such as size, focal, position, yaw_deg, got {short(entry)}")
     _no_unknown_keys(entry, _CAMERA_KEYS, where)
     width, height = _numbers(entry, "size", 2, where)
     try:
         K = _intrinsics(entry, width, height, pixel_shift, where)
         vehicle_from_cam = _mount(entry, where)
-        return Camera(K, int(width), int(height), ego_from_vehicle @ vehicle_from_cam)
+        return Camera(K, int(width), int(height), ego_from_vehicle @ vehicle_from_cam, _lens(entry, where))
     except ValueError as error:
         message = str(error)
         raise ValueError(message if message.startswith(where) else f"{where}: {message}") from error
@@ -116,6 +122,33 @@ def _intrinsics(entry: dict[str, Any], width: float, height: float, pixel_shift:
     if "centre" in entry:
         centre = np.array(_numbers(entry, "centre", 2, where)) + pixel_shift
     return np.array([[fx, 0, centre[0]], [0, fy, centre[1]], [0, 0, 1]])
+
+
+def _lens(entry: dict[str, Any], where: str) -> Lens:
+    given = [key for key in ("distortion", "fisheye") if key in entry]
+    if not given:
+        return Pinhole()
+    if len(given) == 2:
+        raise ValueError(f"{where}: give distortion (ordinary lens) or fisheye, not both")
+    if "fov_deg" in entry:
+        raise ValueError(f"{where}: with {given[0]} say how long the lens is by K or focal; fov_deg is for straight images")
+    if given == ["fisheye"]:
+        return Fisheye(*_numbers(entry, "fisheye", 4, where))
+    count = len(entry["distortion"]) if isinstance(entry["distortion"], list) else 1
+    if count not in (4, 5, 8):
+        raise ValueError(
+            f"{where}: 'distortion' is [k1, k2, p1, p2], [k1, k2, p1, p2, k3] or with k4, k5, k6 behind, as OpenCV has it, got "
+            f"{short(entry['distortion'])}"
+        )
+    return BrownConrady(*_numbers(entry, "distortion", count, where))
+
+
+def _lens_entry(lens: Lens, name: str) -> dict[str, list[float]]:
+    if isinstance(lens, Pinhole):
+        return {}
+    if isinstance(lens, (BrownConrady, Fisheye)):
+        return {"fisheye" if isinstance(lens, Fisheye) else "distortion": list(lens.coefficients)}
+    raise ValueError(f"camera '{name}' has the lens {lens}, which rig files cannot hold")
 
 
 def _mount(entry: dict[str, Any], where: str) -> Pose:
@@ -146,18 +179,30 @@ def _numbers(entry: dict[str, Any], key: str, count: int, where: str) -> list[fl
     if key not in entry:
         raise ValueError(f"{where}: '{key}' is missing")
     value = entry[key] if isinstance(entry[key], list) else [entry[key]]
-    if len(value) != count or any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in value):
-        raise ValueError(f"{where}: '{key}' takes {count} number{'s' * (count > 1)}, got {entry[key]!r}")
-    if not np.isfinite(value).all():
+    if len(value) != count or not all(map(_is_number, value)):
+        raise ValueError(f"{where}: '{key}' takes {count} number{'s' * (count > 1)}, got {short(entry[key])}")
+    try:
+        numbers = [float(v) for v in value]
+    except OverflowError as error:
+        raise ValueError(f"{where}: '{key}' holds a number that is too large") from error
+    if not np.isfinite(numbers).all():
         raise ValueError(f"{where}: '{key}' holds a number that is not finite")
-    return [float(v) for v in value]
+    return numbers
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _matrix(value: Any, shape: tuple[int, int], where: str) -> np.ndarray:
+    # aliases of YAML can make a short file an enormous list: nothing is copied or printed before its size is known
+    rows = value if isinstance(value, list) and len(value) <= 16 else [value]
+    if not all(_is_number(row) or (isinstance(row, list) and len(row) <= 16 and all(map(_is_number, row))) for row in rows):
+        raise ValueError(f"{where} is not a matrix of numbers: {short(value)}")
     try:
         matrix = np.array(value, dtype=np.float64)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{where} is not a matrix of numbers: {value!r}") from error
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{where} is not a matrix of numbers: {short(value)}") from error
     if matrix.shape != shape:
         raise ValueError(f"{where} is a {shape[0]} x {shape[1]} matrix, got shape {matrix.shape}")
     return matrix

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "bev_pool.h"
+#include "evaluation_bindings.h"
 #include "rotated_boxes.h"
 #include "scene_bindings.h"
 #include "splat.h"
@@ -89,6 +90,7 @@ static void bind_splat(nb::module_& m) {
 
 NB_MODULE(_native, m) {
   coin3d::bind_scenes(m);
+  coin3d::bind_evaluation(m);
   m.def(
       "bev_pool_forward",
       [](Matrix<const float> depth, Matrix<const float> context, Matrix<const int32_t> cell, Matrix<float> bev, int threads) {

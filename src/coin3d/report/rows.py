@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from coin3d.datasets.classes import ClassMap
 from coin3d.evaluation import DEFAULT_RANGE_M, Protocol, Report
-from coin3d.inference import LoadedDetector
+
+if TYPE_CHECKING:
+    from coin3d.inference import LoadedDetector  # with all of torch, which results files do without
 
 
 def protocol_for(class_map: ClassMap, range_shape: Literal["radial", "square"] = "radial") -> Protocol:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from coin3d.geometry import RIG_PRESETS, Rig, load_rig, preset_rig
+from coin3d.geometry.undistort import undistorted_rig
 from coin3d.records import to_plain, write_bytes, write_json
 from coin3d.rig_report.facts import CameraFacts, CameraPair, RigDifference, RigFacts, rig_difference, rig_facts
 from coin3d.rig_report.figures import figure_png, ground_growth_figure, top_view_figure
@@ -35,7 +36,7 @@ _PICTURES = {
 
 
 def find_rig(name_or_path: str) -> Rig:
-    """A preset by its name, or a rig file by its path.
+    """A preset by its name, or a rig file by its path; with the pinhole cameras that stand in for those with lenses.
 
     Raises:
         ValueError: neither a preset nor a readable rig file.
@@ -44,7 +45,7 @@ def find_rig(name_or_path: str) -> Rig:
     if name_or_path in RIG_PRESETS:
         return preset_rig(name_or_path)
     if Path(name_or_path).suffix in (".yaml", ".yml") or Path(name_or_path).is_file():
-        return load_rig(name_or_path)
+        return undistorted_rig(load_rig(name_or_path))
     return preset_rig(name_or_path)
 
 

@@ -11,7 +11,7 @@ from coin3d.datasets.classes import ClassMap
 from coin3d.datasets.frame import Frame, Recording
 from coin3d.datasets.frames_before import FramesBefore
 from coin3d.detectors import Detector, collate, frame_sample
-from coin3d.evaluation import Protocol, Report, score
+from coin3d.evaluation import Protocol, Report, annotated_boxes, score
 from coin3d.geometry import Boxes3D
 
 Precision = Literal["float32", "bfloat16"]
@@ -59,10 +59,5 @@ def score_frames(frames: Sequence[Frame], predictions: dict[str, Boxes3D], class
     Raises:
         ValueError: a frame without annotations.
     """
-    truth = {}
-    for frame in frames:
-        if frame.boxes is None:
-            raise ValueError(f"frame {frame.token} has no annotations to score against; coin3d detect needs none")
-        truth[frame.token] = class_map.apply(frame.boxes)
     found = {token: class_map.apply(boxes) for token, boxes in predictions.items()}
-    return score(truth, found, {frame.token: frame.rig for frame in frames}, protocol)
+    return score(annotated_boxes(frames, class_map), found, {frame.token: frame.rig for frame in frames}, protocol)
