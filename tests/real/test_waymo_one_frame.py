@@ -11,6 +11,7 @@ import pytest
 from coin3d.datasets.classes import THREE_CLASS
 from coin3d.datasets.file_span import FileSpan
 from coin3d.datasets.frame import Frame
+from coin3d.datasets.open import open_recording
 from coin3d.datasets.protobuf_wire import Message
 from coin3d.datasets.tfrecord import read_payload, record_spans
 from coin3d.datasets.waymo_v1 import WaymoV1Recording
@@ -99,3 +100,7 @@ def test_boxes_project_to_where_waymo_projects_them(frame: Frame, waymo_one_fram
     assert np.percentile(np.abs(errors), 90) < 0.5
     without = edge_errors_px(frame, theirs, pinhole=True)
     assert np.percentile(np.abs(without), 90) > 2 * np.percentile(np.abs(errors), 90), "the lens is there for a reason"
+
+
+def test_scenes_are_known_without_building_frames(waymo_one_frame: Path, frame: Frame) -> None:
+    assert open_recording(waymo_one_frame).scene_names() == [frame.scene]

@@ -87,6 +87,10 @@ class WaymoV1Recording:
     def __iter__(self) -> Iterator[Frame]:
         return (self[i] for i in range(len(self)))
 
+    def scene_names(self) -> list[str]:
+        """The scene of every frame, without building frames."""
+        return [entry.segment for _, _, entry in self._frames]
+
     def __getitem__(self, index: int) -> Frame:
         """The frame at a position. Its record is read and its checksum verified.
 

@@ -80,6 +80,10 @@ class WaymoV2Recording:
     def __iter__(self) -> Iterator[Frame]:
         return (self[i] for i in range(len(self)))
 
+    def scene_names(self) -> list[str]:
+        """The scene of every frame, without building frames."""
+        return [key.segment for key, _ in self._frames]
+
     def __getitem__(self, index: int) -> Frame:
         """The frame at a position.
 
