@@ -144,7 +144,7 @@ def assert_same(a: Rig, b: Rig) -> None:
         (camera_text(distortion="[" + "0, " * 11 + "0]"), "camera 'front': 'distortion' is .k1, k2, p1, p2."),
         (camera_text(distortion="[0, 0, 0, a]"), "camera 'front': 'distortion' takes 4 numbers"),
         (camera_text(distortion="[0, 0, 0, .inf]"), "'distortion' holds a number that is not finite"),
-        (camera_text(distortion="[-1e9, 0, 0, 0]"), "camera 'front': the Brown-Conrady lens .* folds back"),
+        (camera_text(distortion="[-1000000.0, 0, 0, 0]"), "camera 'front': the Brown-Conrady lens .* folds back"),
         (camera_text(fisheye="[0, 0, 0]"), "camera 'front': 'fisheye' takes 4 numbers"),
         (camera_text(focal=None, fov_deg="90", fisheye="[0, 0, 0, 0]"), "camera 'front': with fisheye say how long"),
         (camera_text(focal="0"), "camera 'front': K is singular"),

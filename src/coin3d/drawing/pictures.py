@@ -107,7 +107,7 @@ def _on_ground(xy: Float[np.ndarray, "n 2"], ground: GroundPlane) -> Float[np.nd
 
 def project_line(
     camera: Camera, start_ego: Float[np.ndarray, "3"], end_ego: Float[np.ndarray, "3"]
-) -> list[Float[np.ndarray, "k 2"]]:
+) -> list[Float[np.ndarray, "_ 2"]]:
     """The part of a 3D line segment in front of the camera as polylines of pixels: one, or what a lens shows of it."""
     _, depth_m = camera.project(np.stack([start_ego, end_ego]))
     depth_start, depth_end = float(depth_m[0]), float(depth_m[1])
@@ -162,7 +162,7 @@ def _in_front(camera: Camera, polygon: Float[np.ndarray, "n 3"]) -> Float[np.nda
     return np.reshape(kept, (-1, 3))
 
 
-def _draw_lines(out: UInt8[np.ndarray, "h w 3"], lines: list[Float[np.ndarray, "k 2"]], colour: RGB, thickness: int) -> None:
+def _draw_lines(out: UInt8[np.ndarray, "h w 3"], lines: list[Float[np.ndarray, "_ 2"]], colour: RGB, thickness: int) -> None:
     for line in lines:
         # far outside the picture the raster routines overflow; nothing visible lies there
         points = np.floor(line.clip(-1e5, 1e5)).astype(int).tolist()
