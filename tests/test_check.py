@@ -143,7 +143,7 @@ def test_cameras_without_lidar_and_boxes_in_no_image(tiny_recording: Path, tmp_p
     warnings = _texts(result, "warning")
     assert "CAM_FRONT: no LiDAR point falls into the image" in warnings
     assert "4 of 4 boxes have their centre in no image" in warnings
-    assert "CAM_FRONT: the camera's axes are mixed up" in _texts(result, "error")
+    assert "CAM_FRONT: the transform is mixed up: its axes are x forward" in _texts(result, "error")
     assert "CAM_FRONT: no pixel sees the ground" in warnings
 
 
@@ -163,7 +163,7 @@ def test_a_plausible_camera_has_no_findings() -> None:
 def test_mixed_up_transforms_above_ground() -> None:
     # the camera of a high vehicle frame: inverted it still sits above the lowered ground
     assert "cam_from_ego is stored" in _finding(camera_pose([1.7, 0, 1.5]).inverse(), ground=GroundPlane(offset_m=2.5))
-    assert "axes are mixed up" in _finding(Pose.from_euler(0.5, 0, 0, [1.7, 0, 1.5]))
+    assert "its axes are x forward" in _finding(Pose.from_euler(0.5, 0, 0, [1.7, 0, 1.5]))
 
 
 def test_odd_mounts_and_intrinsics() -> None:

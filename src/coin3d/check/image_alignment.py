@@ -49,14 +49,20 @@ class Alignment:
             self.gradient[k] += gradient[row[inside], column[inside] + move].sum()
             self.edges[k] += inside.sum()
 
-    def clearness(self) -> Float[np.ndarray, "31"]:
-        """How many standard deviations each move stands out from those that are not beside it; zeros with too few edges."""
+    def clearness(self, blur: int = 0) -> Float[np.ndarray, "31"]:
+        """How many standard deviations each move stands out from those that are not beside it; zeros with too few edges.
+
+        Args:
+            blur: moves to either side that are averaged: away from the middle, edges fall a little apart.
+        """
         if self.edges.min() < _MIN_EDGES:
             return np.zeros(len(self.edges))
         mean = self.gradient / self.edges
+        if blur:
+            mean = np.convolve(np.pad(mean, blur, mode="edge"), np.full(2 * blur + 1, 1 / (2 * blur + 1)), mode="valid")
         out = np.zeros(len(mean))
         for k in range(len(mean)):
-            others = np.delete(mean, slice(max(0, k - _PEAK), k + _PEAK + 1))
+            others = np.delete(mean, slice(max(0, k - _PEAK - blur), k + _PEAK + blur + 1))
             out[k] = (mean[k] - others.mean()) / max(others.std(), 1e-6)
         return out
 
@@ -66,7 +72,7 @@ class Alignment:
         return float(self.clearness()[_REACH])
 
 
-def depth_edges(points_ego: Float[np.ndarray, "n 3"], camera: Camera) -> Bool[np.ndarray, "h 119"]:
+def depth_edges(points_ego: Float[np.ndarray, "n 3"], camera: Camera) -> Bool[np.ndarray, "rows 119"]:
     """Where LiDAR depth jumps from one cell to the next in its row."""
     pixels, depth_m = camera.project(points_ego)
     seen = camera.in_image(pixels, depth_m)
@@ -81,7 +87,7 @@ def depth_edges(points_ego: Float[np.ndarray, "n 3"], camera: Camera) -> Bool[np
     return np.asarray(np.isfinite(jump) & (jump > _DEPTH_RATIO))
 
 
-def edge_brightness(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h 119"]:
+def edge_brightness(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "rows 119"]:
     """The steepest horizontal gradient around each boundary between cells, relative to the mean of the image."""
     fine = 4
     rows = _rows(*image.shape[:2])
@@ -131,9 +137,9 @@ def _judge(name: str, own: Alignment, other: Mapping[str, Alignment]) -> list[Fi
             best, "wrong files or times: images belong to the camera and the instant they are stored under"
         )
         return [Finding("error", text, remedy, name, about="images")]
-    clearness = own.clearness()
+    clearness = np.maximum(own.clearness(), own.clearness(blur=1))
     move = int(clearness.argmax()) - _REACH
-    if abs(move) > _PEAK and clearness.max() > max(_SURE, own.score + _CLEARER) and own.score < _UNSURE:
+    if abs(move) > _PEAK + 1 and clearness.max() > max(_SURE, own.score + _CLEARER) and clearness[_REACH] < _UNSURE:
         side = "right" if move > 0 else "left"
         text = f"LiDAR and image would fit {abs(move) / _COLUMNS:.1%} of the image's width further {side}"
         remedy = "the camera's yaw, its principal point or its time is off"

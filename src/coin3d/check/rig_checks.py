@@ -11,6 +11,7 @@ from coin3d.geometry.rig import is_plausible_mount
 _GROUND_RANGE_M = 60.0
 _MAX_CENTRE_OFFSET = 0.2  # of the image side
 _FOV_DEG = (10.0, 175.0)
+_QUATERNION = "the quaternion has the order x, y, z, w instead of w, x, y, z"
 
 
 def rig_findings(rig: Rig) -> list[Finding]:
@@ -40,43 +41,17 @@ def _mount(name: str, camera: Camera, ground: GroundPlane) -> list[Finding]:
     down_deg = float(np.rad2deg(np.arccos(np.clip(-pose.rotation[:, 1] @ ground.normal, -1, 1))))
     height_m = float(ground.height_m(pose.translation))
     facts = f"it sits {height_m:.2f} m above ground, looks {elevation_deg:+.0f} deg up, its image is turned {down_deg:.0f} deg"
-    if is_plausible_mount(pose.inverse(), ground):
-        return [
-            Finding(
-                "error",
-                f"the transform is mixed up: cam_from_ego is stored for ego_from_cam ({facts}; inverted it fits)",
-                "invert the matrix before it is stored",
-                name,
-                "cameras",
-            )
-        ]
-    if is_plausible_mount(Pose(pose.rotation @ camera_pose(np.zeros(3)).rotation, pose.translation), ground):
-        return [
-            Finding(
-                "error",
-                f"the camera's axes are mixed up: they seem to be x forward, y left, z up ({facts})",
-                "the camera frame is x right, y down, z forward: multiply the rotation by the axes change from the right",
-                name,
-                "cameras",
-            )
-        ]
-    w, x, y, z = pose.quaternion
-    if is_plausible_mount(Pose.from_quaternion([z, w, x, y], pose.translation), ground):
-        return [
-            Finding(
-                "error",
-                f"the numbers of the quaternion are out of order: as x, y, z, w they fit ({facts})",
-                "quaternions are w, x, y, z: put the last number first",
-                name,
-                "cameras",
-            )
-        ]
+    meant = [reading for reading, fixed in _mixed_up(pose).items() if is_plausible_mount(fixed, ground)]
+    if meant and meant != [_QUATERNION]:  # by which a camera that looks straight down would look ahead
+        text = f"the transform is mixed up: {' or '.join(meant)} ({facts})"
+        return [Finding("error", text, "docs/your_rig.md says what is expected", name, "cameras")]
     if abs(elevation_deg) > 45 or down_deg > 45:
+        hint = f"it would fit if {_QUATERNION}; " if meant else ""
         return [
             Finding(
                 "warning",
                 f"it faces up or down, or lies on its side: {facts}",
-                "a mixed-up transform is likely: compare rotation and axes with docs/your_rig.md",
+                f"a mixed-up transform is likely: {hint}compare rotation and axes with docs/your_rig.md",
                 name,
                 "cameras",
             )
@@ -90,6 +65,18 @@ def _mount(name: str, camera: Camera, ground: GroundPlane) -> list[Finding]:
             "cameras",
         )
     ]
+
+
+def _mixed_up(pose: Pose) -> dict[str, Pose]:
+    """What people store instead of ``ego_from_cam`` -> the pose they meant, if they did."""
+    w, x, y, z = pose.quaternion
+    return {
+        "cam_from_ego is stored for ego_from_cam, invert it": pose.inverse(),
+        "its axes are x forward, y left, z up instead of x right, y down, z forward": Pose(
+            pose.rotation @ camera_pose(np.zeros(3)).rotation, pose.translation
+        ),
+        _QUATERNION: Pose.from_quaternion([z, w, x, y], pose.translation),
+    }
 
 
 def _intrinsics(name: str, camera: Camera) -> list[Finding]:
