@@ -17,7 +17,7 @@ from coin3d.datasets.own_recording import OwnRecording
 
 
 def test_a_line_with_images_alone_is_a_frame(tmp_path: Path) -> None:
-    recording = open_recording(write_folder(tmp_path / "van", line(0), line(1)))
+    recording = open_recording(write_folder(tmp_path / "van", line(0), line(1)), undistort=False)
     assert isinstance(recording, OwnRecording) and len(recording) == 2
     frame = recording[0]
     assert (frame.token, frame.scene, frame.timestamp_ns, frame.next) == ("f0", "van", 0, "f1")

@@ -14,6 +14,7 @@ from coin3d.datasets.splits import SplitChoice, no_split
 from coin3d.datasets.undistorted import UndistortedRecording
 from coin3d.datasets.waymo_v1 import WaymoV1Recording, is_waymo_v1
 from coin3d.datasets.waymo_v2 import WaymoV2Recording, is_waymo_v2
+from coin3d.geometry.undistort import has_lens
 
 
 def open_recording(path: Path | str, split: SplitChoice | None = None, *, undistort: bool = True) -> Recording:
@@ -40,7 +41,8 @@ def open_recording(path: Path | str, split: SplitChoice | None = None, *, undist
         return _with_lenses(OwnRecording(path, split), undistort)
     if (path / RIG_FILE).is_file():
         no_split(split, str(path), f"name scenes in {FRAMES_FILE} first (docs/your_rig.md)")
-        return _with_lenses(FolderRecording(path), undistort)
+        folder = FolderRecording(path)
+        return _with_lenses(folder, undistort) if has_lens(folder.rig) else folder
     if any(next(path.glob(pattern), None) for pattern in ("sample.json", "*/sample.json", "*/*/sample.json")):
         return NuScenesRecording(path, split=split)  # these tables have no place for a lens
     if is_waymo_v2(path):
