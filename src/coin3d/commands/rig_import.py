@@ -74,5 +74,5 @@ def _line(name: str, camera: Camera) -> str:
     lens = "" if isinstance(camera.lens, Pinhole) else f", {type(camera.lens).__name__} lens"
     return (
         f"{name}: {camera.width_px} x {camera.height_px}, f {camera.focal_px:.0f} px{lens}, at {x:+.2f} {y:+.2f} {z:+.2f} m, "
-        f"yaw {math.degrees(camera.yaw_rad):+.0f} pitch {pitch_deg:+.0f} deg"
+        f"yaw {round(math.degrees(camera.yaw_rad)):+d} pitch {round(pitch_deg):+d} deg"
     )
