@@ -33,7 +33,5 @@ def test_threads_that_torch_starts_inside_flush_as_well() -> None:
         "    numbers = torch.full((2_000_000,), 1e-40)\n"
         "    print(int((numbers / 2).count_nonzero()))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=Path(__file__).parent
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "0"
