@@ -76,7 +76,7 @@ def problem(config: BEVDepthConfig) -> Problem:
     torch.manual_seed(0)
     depth = torch.rand(cell.shape).flatten(0, 2).softmax(dim=1)
     context = torch.randn(len(depth), config.context_channels)
-    return Problem(depth, context, cell.flatten(0, 2), config.grid.side**2)
+    return Problem(depth, context, cell.flatten(0, 2), config.grid.side**2 * config.grid.slabs)
 
 
 def outer_product_pool(depth: Tensor, context: Tensor, cell: Tensor, num_cells: int) -> Tensor:

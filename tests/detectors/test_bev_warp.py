@@ -33,3 +33,14 @@ def test_a_quarter_turn_is_exact_about_the_vehicle() -> None:
 def test_nothing_is_invented_outside() -> None:
     moved = warp_bev(torch.ones(1, 1, 16, 16), pose(100.0, 0.0), GRID)
     assert not moved.any()
+
+
+def test_places_are_exact_in_half_precision() -> None:
+    """A shift by half a cell of 128 would be lost where places themselves are rounded to half precision."""
+    grid = BevGrid(half_extent_m=64.0, cell_m=1.0)
+    bev = torch.zeros(1, 1, 128, 128)
+    bev[0, 0, 3, 120] = 1.0
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        moved = warp_bev(bev.bfloat16(), pose(0.5, 0.0), grid)
+    assert moved.dtype == torch.bfloat16
+    assert moved[0, 0, 3, 119:121].tolist() == [0.5, 0.5]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -108,6 +109,26 @@ def test_bfloat16_stays_near_float32() -> None:
     with torch.autocast("cpu", dtype=torch.bfloat16):
         rounded = {k: float(v.detach()) for k, v in model("coin3d").losses(both).items()}
     assert rounded == pytest.approx(exact, rel=0.1)
+
+
+@pytest.mark.parametrize("previous_by", ["pose", "warp"])
+def test_the_frame_before_is_placed_exactly_in_bfloat16(previous_by: Literal["pose", "warp"]) -> None:
+    config = replace(CONFIG, frames=2, previous_by=previous_by)
+    moved = torch.eye(4).repeat(3, 1, 1)
+    moved[:, :3, 3] = torch.tensor([-1.37, 0.21, 0.0])
+    now, before = batch(sample(0, ring_rig(3))), batch(sample(5, ring_rig(3)))
+    both = replace(now, previous=replace(before, key_from_ego=moved))
+    exact = both.previous.lift_cameras.ego_from_cam
+    looking_back = settled(detector("coin3d", config=config), both)
+
+    def noise(given: Batch) -> float:
+        with torch.no_grad():
+            expected = looking_back(given)["heatmap"]
+            with torch.autocast("cpu", dtype=torch.bfloat16):
+                assert given.previous is None or torch.equal(given.previous.lift_cameras.ego_from_cam, exact)
+                return float((looking_back(given)["heatmap"].float() - expected).abs().mean())
+
+    assert noise(both) < 1.5 * noise(now)
 
 
 @pytest.mark.parametrize("preset", [BEVDepthConfig.tiny, BEVDepthConfig.small, BEVDepthConfig.paper])

@@ -48,7 +48,9 @@ class Batch:
         """The cameras with poses in the ego frames of the samples."""
         if self.key_from_ego is None:
             return self.cameras
-        return replace(self.cameras, ego_from_cam=self.key_from_ego @ self.cameras.ego_from_cam)
+        # double: under autocast a product in single precision would be one in half precision
+        moved: Tensor = self.key_from_ego.double() @ self.cameras.ego_from_cam.double()
+        return replace(self.cameras, ego_from_cam=moved.to(self.cameras.ego_from_cam.dtype))
 
     @property
     def previous_from_ego(self) -> Float[Tensor, "b 4 4"]:

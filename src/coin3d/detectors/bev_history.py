@@ -42,7 +42,8 @@ def align_history(
     ground = pillar_anchors(grid, (0.0,), previous_bev.device)[:, 0].double()
     moved = torch.einsum("bij,qj->bqi", previous_from_current[:, :2, :3].double(), ground)
     moved = moved + previous_from_current[:, None, :2, 3].double()
-    where = (moved / grid.half_extent_m).to(previous_bev.dtype)[:, None]
-    maps = previous_bev.transpose(1, 2).reshape(len(previous_bev), -1, grid.side, grid.side)
+    exact = torch.promote_types(previous_bev.dtype, torch.float32)  # places in half precision are off by half a cell
+    where = (moved / grid.half_extent_m).to(exact)[:, None]
+    maps = previous_bev.to(exact).transpose(1, 2).reshape(len(previous_bev), -1, grid.side, grid.side)
     aligned = F.grid_sample(maps, where, padding_mode="zeros", align_corners=False)[:, :, 0].transpose(1, 2)
-    return BevHistory(aligned, centres.expand(len(previous_bev), -1, -1))
+    return BevHistory(aligned.to(previous_bev.dtype), centres.expand(len(previous_bev), -1, -1))

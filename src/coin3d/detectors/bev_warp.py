@@ -30,4 +30,6 @@ def warp_bev(
     cells = torch.stack([x, y, torch.ones_like(x)], dim=-1)
     at = torch.einsum("bij,yxj->byxi", source_from_target_cell, cells)[..., :2]
     span = torch.tensor([bev.shape[-1] - 1, bev.shape[-2] - 1], device=bev.device)
-    return F.grid_sample(bev, (2 * at / span - 1).to(bev.dtype), mode="bilinear", padding_mode="zeros", align_corners=True)
+    exact = torch.promote_types(bev.dtype, torch.float32)  # places in half precision are off by half a cell
+    at = (2 * at / span - 1).to(exact)
+    return F.grid_sample(bev.to(exact), at, mode="bilinear", padding_mode="zeros", align_corners=True).to(bev.dtype)

@@ -145,9 +145,9 @@ class BEVDepth(Detector):
         now = batch.lift_cameras.ego_from_cam
         bev = self.lift(before, replace(before.cameras, ego_from_cam=now), before.cameras)[0]
         first = torch.searchsorted(batch.sample_index, torch.arange(batch.num_samples, device=now.device))
-        bev_from_ego = torch.eye(4, device=now.device).repeat(batch.num_samples, 1, 1)
+        bev_from_ego = torch.eye(4, dtype=torch.float64, device=now.device).repeat(batch.num_samples, 1, 1)
         bev_from_ego[:, :3, :3] = batch.bev_from_ego
-        seen_from_true = now[first] @ torch.linalg.inv(before.lift_cameras.ego_from_cam[first])
+        seen_from_true = now[first].double() @ torch.linalg.inv(before.lift_cameras.ego_from_cam[first].double())
         moved = bev_from_ego @ seen_from_true @ torch.linalg.inv(bev_from_ego)
         return warp_bev(bev, moved, self.config.grid, 0.5 if self.config.released is None else 0.0)
 

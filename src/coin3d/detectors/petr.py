@@ -140,5 +140,5 @@ class PETR(QueryDetector):
         target[:, :3, :3] = batch.bev_from_ego
         if self.config.released is None:
             return target
-        lidar_from_bev = torch.tensor(self.config.released.lidar.ego_from_lidar.inverse().matrix).to(target)
-        return lidar_from_bev @ target
+        lidar_from_bev = torch.tensor(self.config.released.lidar.ego_from_lidar.inverse().matrix, device=target.device)
+        return lidar_from_bev.double() @ target.double()
