@@ -128,7 +128,7 @@ def test_the_frame_before_is_placed_exactly_in_bfloat16(previous_by: Literal["po
                 assert given.previous is None or torch.equal(given.previous.lift_cameras.ego_from_cam, exact)
                 return float((looking_back(given)["heatmap"].float() - expected).abs().mean())
 
-    assert noise(both) < 1.5 * noise(now)
+    assert noise(both) < 2 * noise(now)  # each frame brings that of one
 
 
 @pytest.mark.parametrize("preset", [BEVDepthConfig.tiny, BEVDepthConfig.small, BEVDepthConfig.paper])
