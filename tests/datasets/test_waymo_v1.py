@@ -124,7 +124,7 @@ def test_what_is_unknown_stays_unknown(tmp_path: Path) -> None:
 def test_nothing_is_decoded_before_it_is_asked_for(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     decoded, payloads = [], []
     decode, read = file_span.decode_image, waymo_v1.read_payload
-    monkeypatch.setattr(file_span, "decode_image", lambda data, where: decoded.append(where) or decode(data, where))
+    monkeypatch.setattr(file_span, "decode_image", lambda data, where, *how: decoded.append(where) or decode(data, where, *how))
     monkeypatch.setattr(waymo_v1, "read_payload", lambda span: payloads.append(span.start) or read(span))
     recording = WaymoV1Recording(path)
     assert payloads == []

@@ -6,7 +6,7 @@ from coin3d.augmentation.focal import FocalAugmentation
 from coin3d.augmentation.image import ImageAugmentation
 from coin3d.augmentation.novel_view import NovelViewOptions, NovelViews, novel_views
 from coin3d.augmentation.rig_sampler import RigSampler
-from coin3d.augmentation.view import FrameAugmentation, View, ViewAugmentation
+from coin3d.augmentation.view import FrameAugmentation, RecordedImage, View, ViewAugmentation
 
 __all__ = [
     "ArrayChange",
@@ -16,6 +16,7 @@ __all__ = [
     "ImageAugmentation",
     "NovelViewOptions",
     "NovelViews",
+    "RecordedImage",
     "RigSampler",
     "View",
     "ViewAugmentation",

@@ -13,21 +13,36 @@ from coin3d.geometry import Camera, ImageTransform
 
 
 @dataclass(frozen=True, eq=False)
+class RecordedImage:
+    """The image of a frame, read when it is known at which size.
+
+    Args:
+        frame: whose.
+        camera: which.
+    """
+
+    frame: Frame
+    camera: str
+
+
+@dataclass(frozen=True, eq=False)
 class View:
     """One camera's image on its way into the network.
 
     Args:
-        image: (h, w, 3) RGB as recorded or rendered.
+        image: recorded, or (h, w, 3) RGB that was rendered.
         camera: the camera of ``image``.
         transform: from ``image`` to the network input; augmentations extend it, so pixels are resampled once.
     """
 
-    image: UInt8[np.ndarray, "h w 3"]
+    image: UInt8[np.ndarray, "h w 3"] | RecordedImage
     camera: Camera
     transform: ImageTransform
 
     def network_image(self) -> UInt8[np.ndarray, "H W 3"]:
-        """The network input before normalisation."""
+        """The network input before normalisation. A recorded image is decoded no larger than it takes."""
+        if isinstance(self.image, RecordedImage):
+            return self.transform.image(self.image.frame.image(self.image.camera, at_least_px=self.transform.resized))
         return self.transform.image(self.image)
 
     def network_camera(self) -> Camera:

@@ -92,11 +92,11 @@ class EncodedImage:
     def __str__(self) -> str:
         return f"{self.span.path}: {self.name}"
 
-    def load(self) -> UInt8[np.ndarray, "h w 3"]:
-        """The RGB image.
+    def load(self, reduction: int = 1) -> UInt8[np.ndarray, "h w 3"]:
+        """The RGB image, ``reduction`` times smaller.
 
         Raises:
             FileNotFoundError: the file is gone.
             ValueError: the file was changed, or the image is truncated or none.
         """
-        return decode_image(np.frombuffer(self.span.read(), dtype=np.uint8), str(self))
+        return decode_image(np.frombuffer(self.span.read(), dtype=np.uint8), str(self), reduction)

@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from coin3d.datasets.image_source import ImageSource, load_image
+from coin3d.datasets.image_source import ImageSource, load_image, reduction_to
 from coin3d.geometry import Boxes3D, Pose, Rig
 
 
@@ -81,13 +81,20 @@ class Frame:
         """Annotations in the ego frame."""
         return None if self.boxes_world is None else self.boxes_world.transformed(self.world_from_ego.inverse())
 
-    def image(self, camera: str) -> UInt8[np.ndarray, "h w 3"]:
+    def image(self, camera: str, at_least_px: tuple[int, int] | None = None) -> UInt8[np.ndarray, "h w 3"]:
         """The RGB image of a camera.
+
+        Args:
+            camera: its name.
+            at_least_px: (width, height) that will do. The image then comes 1, 2, 4 or 8 times smaller than recorded, which is
+                cheaper to decode; it shows the same as the whole one, from edge to edge.
 
         Raises:
             ValueError: the file is missing or truncated, or its size contradicts the rig.
         """
-        return self._pixels(camera, self.images[camera], "image")
+        size_px = (self.rig[camera].width_px, self.rig[camera].height_px)
+        reduction = 1 if at_least_px is None else reduction_to(size_px, at_least_px)
+        return self._pixels(camera, self.images[camera], "image", reduction)
 
     def own_vehicle_mask(self, camera: str) -> Bool[np.ndarray, "h w"]:
         """Where a camera sees the vehicle that carries it; nowhere if nobody says.
@@ -100,16 +107,18 @@ class Frame:
         mask = self._pixels(camera, self.own_vehicle[camera], "mask of the own vehicle")
         return np.asarray(mask.any(-1) if mask.ndim == 3 else mask != 0)
 
-    def _pixels(self, camera: str, source: ImageSource, what: str) -> np.ndarray:
-        pixels = load_image(source)
-        expected = (self.rig[camera].height_px, self.rig[camera].width_px)
-        if pixels.shape[:2] != expected:
-            raise ValueError(
-                f"frame {self.token}, {camera}: the {what} {'' if isinstance(source, np.ndarray) else source} is "
-                f"{pixels.shape[1]} x {pixels.shape[0]} pixels but the rig says {expected[1]} x {expected[0]}; "
-                "correct 'size' (and K) in the calibration"
-            )
-        return pixels
+    def _pixels(self, camera: str, source: ImageSource, what: str, reduction: int = 1) -> np.ndarray:
+        pixels = load_image(source, reduction)
+        height, width = self.rig[camera].height_px, self.rig[camera].width_px
+        if pixels.shape[:2] == (height // reduction, width // reduction):
+            return pixels
+        if reduction > 1:  # a reduced one does not tell its size to the pixel
+            pixels = load_image(source)
+        raise ValueError(
+            f"frame {self.token}, {camera}: the {what} {'' if isinstance(source, np.ndarray) else source} is "
+            f"{pixels.shape[1]} x {pixels.shape[0]} pixels but the rig says {width} x {height}; "
+            "correct 'size' (and K) in the calibration"
+        )
 
     def with_boxes_world(self, boxes_world: Boxes3D | None) -> Frame:
         """The same frame with other annotations."""

@@ -9,13 +9,19 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+REDUCTIONS = (8, 4, 2)
+"""How many times smaller images can be read; for a JPEG that is cheap, it takes the coarse part of its coefficients alone."""
+
+_REDUCED = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4, 8: cv2.IMREAD_REDUCED_COLOR_8}
+_JPEG = b"\xff\xd8"
+
 
 @runtime_checkable
 class LazyImage(Protocol):
     """Pixels that are read when asked for. ``str()`` of it says where from, for messages."""
 
-    def load(self) -> UInt8[np.ndarray, "h w 3"]:
-        """The RGB image; raises ValueError where it is missing or damaged."""
+    def load(self, reduction: int = 1) -> UInt8[np.ndarray, "h w 3"]:
+        """The RGB image, ``reduction`` (1, 2, 4 or 8) times smaller; raises ValueError where it is missing or damaged."""
         ...
 
 
@@ -23,18 +29,22 @@ ImageSource = Path | np.ndarray | LazyImage
 """Where an image comes from: a file, pixels already in memory (rendered frames), or whatever a format needs."""
 
 
-def load_image(source: ImageSource) -> np.ndarray:
+def load_image(source: ImageSource, reduction: int = 1) -> np.ndarray:
     """The pixels of a source: (H, W, 3) RGB, or whatever shape an array in memory has.
+
+    Args:
+        source: where from.
+        reduction: 1, 2, 4 or 8; they come that many times smaller.
 
     Raises:
         ValueError: missing, truncated or not an image.
     """
     if isinstance(source, np.ndarray):
-        return source
-    return read_image(source) if isinstance(source, Path) else source.load()
+        return _averaged(source, reduction)
+    return read_image(source, reduction) if isinstance(source, Path) else source.load(reduction)
 
 
-def read_image(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+def read_image(path: Path, reduction: int = 1) -> UInt8[np.ndarray, "h w 3"]:
     """Read an image file as RGB.
 
     Raises:
@@ -42,22 +52,43 @@ def read_image(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     """
     if not path.is_file():
         raise ValueError(f"{path}: the image file is missing")
-    return decode_image(np.fromfile(path, dtype=np.uint8), str(path))
+    return decode_image(np.fromfile(path, dtype=np.uint8), str(path), reduction)
 
 
-def decode_image(data: UInt8[np.ndarray, "n"], where: str) -> UInt8[np.ndarray, "h w 3"]:
+def decode_image(data: UInt8[np.ndarray, "n"], where: str, reduction: int = 1) -> UInt8[np.ndarray, "h w 3"]:
     """Decode the bytes of a JPEG or PNG as RGB.
 
     Args:
         data: the encoded image.
         where: names it in errors.
+        reduction: 1, 2, 4 or 8; it comes that many times smaller. Its sides should be multiples of it.
 
     Raises:
         ValueError: truncated or not an image.
     """
-    if data[:2].tobytes() == b"\xff\xd8" and b"\xff\xd9" not in data[-64:].tobytes():
+    is_jpeg = data[:2].tobytes() == _JPEG
+    if is_jpeg and b"\xff\xd9" not in data[-64:].tobytes():
         raise ValueError(f"{where}: the JPEG is truncated (no end marker); copy it again")
-    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    pixels = cv2.imdecode(data, _REDUCED[reduction if is_jpeg else 1]) if data.size else None
     if pixels is None:
         raise ValueError(f"{where}: cannot be decoded as an image; is the file complete?")
-    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB))
+    rgb = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels))
+    return rgb if is_jpeg else _averaged(rgb, reduction)
+
+
+def _averaged(image: np.ndarray, reduction: int) -> np.ndarray:
+    if reduction == 1:
+        return image
+    size_px = (-(-image.shape[1] // reduction), -(-image.shape[0] // reduction))
+    return np.asarray(cv2.resize(image, size_px, interpolation=cv2.INTER_AREA))
+
+
+def reduction_to(size_px: tuple[int, int], at_least_px: tuple[int, int]) -> int:
+    """How many times smaller an image may be decoded and still have ``at_least_px`` (width, height): 1, 2, 4 or 8.
+
+    Only divisors of both sides: the edges of the image then stay where they are, and so does the camera.
+    """
+    for reduction in REDUCTIONS:
+        if all(side % reduction == 0 and side // reduction >= least for side, least in zip(size_px, at_least_px, strict=True)):
+            return reduction
+    return 1

@@ -30,17 +30,17 @@ class UndistortedImage:
     camera: Camera
     is_mask: bool = False
 
-    def load(self) -> UInt8[np.ndarray, "h w 3"]:
-        """The resampled RGB image.
+    def load(self, reduction: int = 1) -> UInt8[np.ndarray, "h w 3"]:
+        """The resampled RGB image, ``reduction`` times smaller.
 
         Raises:
             ValueError: the image is missing or damaged, or its size contradicts the camera.
         """
-        pixels = load_image(self.source)
+        pixels = load_image(self.source, reduction)
         if self.is_mask:
             pixels = np.where(pixels.any(-1) if pixels.ndim == 3 else pixels != 0, 255, 0).astype(np.uint8)
         try:
-            pixels = undistort_image(pixels, self.camera)
+            pixels = undistort_image(pixels, self.camera, reduction)
         except ValueError as error:
             raise ValueError(f"{self}: {error}") from error
         return (

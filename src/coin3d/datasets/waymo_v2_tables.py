@@ -56,15 +56,15 @@ class TableImage:
     def __str__(self) -> str:
         return f"{self.table.path}: image {self.camera} (row {self.place.row} of row group {self.place.group})"
 
-    def load(self) -> UInt8[np.ndarray, "h w 3"]:
-        """The RGB image.
+    def load(self, reduction: int = 1) -> UInt8[np.ndarray, "h w 3"]:
+        """The RGB image, ``reduction`` times smaller.
 
         Raises:
             FileNotFoundError: the file is gone.
             ValueError: the file was changed or is damaged, or the image is truncated or none.
         """
         (row,) = read_rows(self.table, [self.place], [_IMAGE], FEW)
-        return decode_image(np.frombuffer(row.content(_IMAGE), dtype=np.uint8), str(self))
+        return decode_image(np.frombuffer(row.content(_IMAGE), dtype=np.uint8), str(self), reduction)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 
-from coin3d.augmentation import View
+from coin3d.augmentation import RecordedImage, View
 from coin3d.datasets.frame import Frame
 from coin3d.detectors.batch import Batch, normalise_image
 from coin3d.geometry import Boxes3D, Camera, GroundPlane, fit_width
@@ -44,7 +44,9 @@ class Sample:
 
 def plain_views(frame: Frame, width_px: int, height_px: int) -> list[View]:
     """The frame's images with the paper's image rule and no augmentation, in the order of the rig."""
-    return [View(frame.image(name), camera, fit_width(camera, width_px, height_px)) for name, camera in frame.rig.items()]
+    return [
+        View(RecordedImage(frame, name), camera, fit_width(camera, width_px, height_px)) for name, camera in frame.rig.items()
+    ]
 
 
 def frame_sample(frame: Frame, width_px: int, height_px: int, earlier: Sequence[Frame] = ()) -> Sample:

@@ -66,24 +66,26 @@ def source_pixels(camera: Camera, pixels: Float[np.ndarray, "... 2"]) -> Float[n
     return np.asarray(plane @ camera.K[:2, :2].T + camera.K[:2, 2])
 
 
-def undistort_image(image: UInt8[np.ndarray, "h w *c"], camera: Camera) -> UInt8[np.ndarray, "h w *c"]:
+def undistort_image(image: UInt8[np.ndarray, "h w *c"], camera: Camera, reduction: int = 1) -> UInt8[np.ndarray, "h w *c"]:
     """The image ``pinhole_camera(camera)`` would have taken, by linear interpolation.
 
     Args:
         image: recorded through ``camera``.
         camera: with its lens. Where pixels come from is remembered for the last 16 calibrations, whatever their poses.
+        reduction: the image is this many times smaller than the camera's, and so is the result; a divisor of both sides.
 
     Raises:
         ValueError: the image is not of the camera's size.
     """
     if isinstance(camera.lens, Pinhole):
         return image
-    if image.shape[:2] != (camera.height_px, camera.width_px):
+    if (image.shape[0] * reduction, image.shape[1] * reduction) != (camera.height_px, camera.width_px):
         raise ValueError(
-            f"{image.shape[1]} x {image.shape[0]} pixels but the rig says {camera.width_px} x {camera.height_px}; "
+            f"{image.shape[1] * reduction} x {image.shape[0] * reduction} pixels but the rig says "
+            f"{camera.width_px} x {camera.height_px}; "
             "correct 'size' (and K) in the calibration"
         )
-    places, weights = _remap_tables(camera.K.tobytes(), camera.width_px, camera.height_px, camera.lens)
+    places, weights = _remap_tables(camera.K.tobytes(), camera.width_px, camera.height_px, camera.lens, reduction)
     # the border is repeated because the tables are rounded: no pixel comes from farther out than a fraction of one
     return np.asarray(cv2.remap(image, places, weights, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
@@ -133,21 +135,22 @@ def _inside(pixels: Float[np.ndarray, "n 2"], width_px: int, height_px: int) -> 
 
 @lru_cache(maxsize=16)
 def _remap_tables(
-    K_bytes: bytes, width_px: int, height_px: int, lens: Lens
+    K_bytes: bytes, width_px: int, height_px: int, lens: Lens, reduction: int
 ) -> tuple[Int16[np.ndarray, "h w 2"], UInt16[np.ndarray, "h w"]]:
-    """OpenCV's tables of whole pixels and of weights."""
+    """OpenCV's tables of whole pixels and of weights, both for images ``reduction`` times smaller than the camera's."""
     if max(width_px, height_px) > _LARGEST_SIDE:
         raise ValueError(f"an image of {width_px} x {height_px} pixels is too large to be undistorted: shrink it first")
     zoom = _zoom(K_bytes, width_px, height_px, lens, MAX_VIEW_DEG)
     K = np.frombuffer(K_bytes).reshape(3, 3)
-    nodes = [np.linspace(0.5, size - 0.5, -(-size // _STRIDE_PX) + 1) for size in (width_px, height_px)]
+    sides = width_px // reduction, height_px // reduction
+    nodes = [np.linspace(0.5, side - 0.5, -(-side // _STRIDE_PX) + 1) * reduction for side in sides]
     pixels = np.stack(np.meshgrid(*nodes), axis=-1).reshape(-1, 2)
     plane = (pixels - K[:2, 2]) @ np.linalg.inv(zoom * K[:2, :2]).T
     rays = np.concatenate([plane, np.ones_like(plane[:, :1])], axis=1)
     source = lens.plane_from_ray(rays) @ K[:2, :2].T + K[:2, 2]
     # OpenCV puts the centre of the first pixel at 0, we at 0.5
-    coarse = (source - 0.5).astype(np.float32).reshape(len(nodes[1]), len(nodes[0]), 2)
-    u, v = (_between(_between(coarse[..., i].T, width_px).T, height_px) for i in range(2))
+    coarse = (source / reduction - 0.5).astype(np.float32).reshape(len(nodes[1]), len(nodes[0]), 2)
+    u, v = (_between(_between(coarse[..., i].T, sides[0]).T, sides[1]) for i in range(2))
     places, weights = cv2.convertMaps(u, v, cv2.CV_16SC2)
     return np.asarray(places), np.asarray(weights)
 

@@ -51,7 +51,8 @@ def pixel_rays_ego(camera: Camera) -> Float[np.ndarray, "h w 3"]:
 
 
 def _image(frame: Frame, name: str, camera: Camera, width_px: int) -> UInt8[np.ndarray, "h w 3"]:
-    return fit_width(camera, *_size(camera, width_px)).image(frame.image(name))
+    size_px = _size(camera, width_px)
+    return fit_width(camera, *size_px).image(frame.image(name, at_least_px=size_px))
 
 
 def _own_vehicle(frame: Frame, name: str, camera: Camera, width_px: int) -> Bool[np.ndarray, "h w"]:

@@ -14,6 +14,7 @@ from coin3d.augmentation import (
     BevAugmentation,
     FrameAugmentation,
     ImageAugmentation,
+    RecordedImage,
     View,
     ViewAugmentation,
     transform_boxes,
@@ -155,7 +156,7 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
 
     def _raw_view(self, frame: Frame, name: str, rng: np.random.Generator) -> View:
         camera = frame.rig[name]
-        view = View(frame.image(name), camera, fit_width(camera, *self.size_px))
+        view = View(RecordedImage(frame, name), camera, fit_width(camera, *self.size_px))
         if self.view_augmentation is not None:
             view = self.view_augmentation(view, rng)
         return self.augment.image(view, rng)

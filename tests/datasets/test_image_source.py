@@ -1,0 +1,115 @@
+"""Images at the size they are needed in: smaller ones show the same, from edge to edge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coin3d.augmentation import RecordedImage, View
+from coin3d.datasets.frame import Frame
+from coin3d.datasets.image_source import load_image, read_image, reduction_to
+from coin3d.datasets.undistorted import undistorted
+from coin3d.geometry import Camera, Rig, camera_pose, fit_width
+from coin3d.geometry.lens_brown_conrady import BrownConrady
+
+WIDTH, HEIGHT = 320, 192
+K = np.array([[260.0, 0, 160], [0, 260, 96], [0, 0, 1]])
+CAMERA = Camera(K, WIDTH, HEIGHT, camera_pose(np.array([0.0, 0.0, 1.5]), 0.0))
+
+
+def scene() -> np.ndarray:
+    """Smooth stripes and discs: what a camera sees, without the noise that no two ways to shrink agree about."""
+    v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    image = np.stack([127 + 100 * np.sin(u / 23), 127 + 100 * np.cos(v / 17), 127 + 100 * np.sin((u + v) / 31)], axis=-1)
+    image = image.astype(np.uint8)
+    cv2.circle(image, (200, 100), 40, (250, 20, 20), -1, cv2.LINE_AA)
+    return image
+
+
+def saved(tmp_path: Path, suffix: str, image: np.ndarray | None = None) -> Path:
+    path = tmp_path / f"image{suffix}"
+    cv2.imwrite(str(path), (scene() if image is None else image)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 98])
+    return path
+
+
+def averaged(image: np.ndarray, reduction: int) -> np.ndarray:
+    """Means of blocks, the definition."""
+    h, w, c = image.shape
+    return image.reshape(h // reduction, reduction, w // reduction, reduction, c).mean((1, 3))
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("reduction", [1, 2, 4, 8])
+def test_reduced_images_are_means_of_blocks(tmp_path: Path, suffix: str, reduction: int) -> None:
+    found = read_image(saved(tmp_path, suffix), reduction)
+    expected = averaged(scene(), reduction)
+    assert found.shape == expected.shape
+    error = np.abs(found - expected)
+    # a JPEG keeps colours at half resolution, and leaves high frequencies out where the mean would fold them in
+    assert error.mean() < (2.0 if suffix == ".jpg" else 0.51)
+    np.testing.assert_allclose(load_image(scene(), reduction), expected, atol=0.51)
+
+
+def test_edges_stay_where_they_are(tmp_path: Path) -> None:
+    """The mean place of a bright disc, in parts of the image, at every size: a shift of half a pixel would show."""
+    image = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
+    cv2.circle(image, (211, 77), 30, (255, 255, 255), -1, cv2.LINE_AA)
+    path = saved(tmp_path, ".jpg", image)
+    for reduction in (1, 2, 4, 8):
+        grey = read_image(path, reduction).mean(-1)
+        v, u = np.mgrid[: grey.shape[0], : grey.shape[1]] + 0.5
+        centre = np.array([(grey * u).sum(), (grey * v).sum()]) / grey.sum() * reduction
+        np.testing.assert_allclose(centre, (211.5, 77.5), atol=0.1)
+
+
+@given(st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 4000))
+def test_the_reduction_is_the_largest_that_fits(width: int, height: int, least_width: int, least_height: int) -> None:
+    def fits(r: int) -> bool:
+        return width % r == 0 and height % r == 0 and width // r >= least_width and height // r >= least_height
+
+    found = reduction_to((width, height), (least_width, least_height))
+    assert found == 1 or fits(found)
+    assert not any(fits(r) for r in (2, 4, 8) if r > found)
+
+
+def frame_of(path: Path, camera: Camera = CAMERA) -> Frame:
+    return Frame("f", 0, Rig({"front": camera}), {"front": path})
+
+
+def test_a_frame_gives_what_will_do(tmp_path: Path) -> None:
+    frame = frame_of(saved(tmp_path, ".jpg"))
+    sizes = {least: frame.image("front", least).shape[:2] for least in [(320, 192), (161, 96), (160, 96), (80, 20), (1, 1)]}
+    assert sizes == {(320, 192): (192, 320), (161, 96): (192, 320), (160, 96): (96, 160), (80, 20): (48, 80), (1, 1): (24, 40)}
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_a_file_of_another_size_is_refused_at_any_size(tmp_path: Path, suffix: str) -> None:
+    halved = cv2.resize(scene(), (WIDTH // 2, HEIGHT // 2))
+    frame = frame_of(saved(tmp_path, suffix, halved))
+    for least in (None, (100, 50)):
+        with pytest.raises(ValueError, match="is 160 x 96 pixels but the rig says 320 x 192"):
+            frame.image("front", least)
+
+
+def test_network_input_from_a_reduced_image(tmp_path: Path) -> None:
+    frame = frame_of(saved(tmp_path, ".jpg"))
+    transform = fit_width(CAMERA, 100, 48)
+    lean, whole = View(RecordedImage(frame, "front"), CAMERA, transform), View(frame.image("front"), CAMERA, transform)
+    assert np.abs(lean.network_image().astype(float) - whole.network_image()).mean() < 2
+    np.testing.assert_array_equal(lean.network_camera().K, whole.network_camera().K)
+
+
+def test_lenses_are_taken_out_of_reduced_images_as_well(tmp_path: Path) -> None:
+    lens = BrownConrady(k1=-0.3, k2=0.1, p1=0.001, p2=-0.001)
+    frame = undistorted(frame_of(saved(tmp_path, ".png"), replace(CAMERA, lens=lens)))
+    whole = frame.image("front")
+    for reduction in (2, 4):
+        reduced = frame.image("front", (WIDTH // reduction, HEIGHT // reduction))
+        error = np.abs(reduced - averaged(whole, reduction))
+        assert reduced.shape == (HEIGHT // reduction, WIDTH // reduction, 3) and error.mean() < 1.5
