@@ -47,6 +47,9 @@ class LidarFile:
                 f"{self.path}: the LiDAR file has {size} bytes, not a whole number of {record}-byte points "
                 "(float32 x, y, z, intensity, ring): it is truncated or of another format; copy it again"
             )
-        records = np.fromfile(self.path, dtype="<f4", count=size // 4).reshape(-1, _FLOATS_PER_POINT).astype(np.float64)
-        records = records[np.isfinite(records[:, :3]).all(1)]
-        return LidarScan(self.ego_from_lidar.apply(records[:, :3]), records[:, 3], self.ego_from_lidar.translation)
+        records = np.fromfile(self.path, dtype="<f4", count=size // 4).reshape(-1, _FLOATS_PER_POINT)
+        points, intensity = records[:, :3].astype(np.float64), records[:, 3].astype(np.float64)
+        if not np.isfinite(points).all():  # rare, and taking rows out is dear
+            finite = np.isfinite(points).all(1)
+            points, intensity = points[finite], intensity[finite]
+        return LidarScan(self.ego_from_lidar.apply(points), intensity, self.ego_from_lidar.translation)
