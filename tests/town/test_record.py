@@ -124,6 +124,18 @@ def test_other_settings_need_another_folder(recording: Path, two_cameras: Rig) -
         record(two_cameras, recording, [2], key_frames=1, true_depth=True, **SILENT)
 
 
+def test_rounding_does_not_make_another_rig(recording: Path, two_cameras: Rig) -> None:
+    def resume(factor: float) -> None:
+        rig = two_cameras.with_cameras(
+            {name: replace(c, K=c.K * np.array([[factor], [1], [1]])) for name, c in two_cameras.items()}
+        )
+        record(rig, recording, [2], key_frames=2, sweeps=True, true_depth=True, **SILENT)
+
+    resume(1 + 1e-12)
+    with pytest.raises(ValueError, match="other rig"):
+        resume(1 + 1e-6)
+
+
 def test_impossible_recordings(two_cameras: Rig, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="different seeds"):
         record(two_cameras, tmp_path, [1, 1], **SILENT)

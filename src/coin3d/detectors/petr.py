@@ -54,6 +54,7 @@ class PETR(QueryDetector):
         self.neck, modulated_channels = attach_neck(method, self.backbone, config.strides, config.neck_channels)
         width, released = config.channels, config.released
         self.input_proj = nn.Conv2d(modulated_channels, width, 1)
+        self.cell_norm = nn.LayerNorm(width) if config.normalised_cells else None
         self.rays = PositionEmbedding3D(
             width, config.strides[0], config.rays, config.ray_space, released.point_in_cell_px if released else None
         )
@@ -100,6 +101,8 @@ class PETR(QueryDetector):
         memory, memory_position = (
             gather_samples(x, batch.sample_index, batch.num_samples) for x in (self.input_proj(feature), position)
         )
+        if self.cell_norm is not None:
+            memory = self.cell_norm(memory)
         padding = sample_padding(batch.sample_index, batch.num_samples, h * w)
         position = self._query_position().expand(batch.num_samples, -1, -1)
         place = self.reference_points.expand(batch.num_samples, -1, -1)

@@ -30,6 +30,8 @@ class PETRConfig:
         strides: image feature levels, finest first; queries look at the finest.
         neck_channels: channels after the neck.
         channels: of queries and image cells in the decoder.
+        normalised_cells: bring all image cells to the same length first. As released they are as long as the trunk makes them:
+            what a trunk gives that was not trained for this outweighs the queries fifty times, and all of them see the same.
         queries: learned object queries.
         seeds: further object queries that start from what the image cells show (see object_seeds); 0, as released, for none.
         layers: of the decoder.
@@ -53,6 +55,7 @@ class PETRConfig:
     strides: tuple[int, ...] = (16, 32)
     neck_channels: int = 256
     channels: int = 256
+    normalised_cells: bool = False
     queries: int = 900
     seeds: int = 0
     layers: int = 6
@@ -96,7 +99,15 @@ class PETRConfig:
     @classmethod
     def small(cls) -> PETRConfig:
         """ResNet-34 at 480 x 192: for one modest GPU."""
-        return cls(image_width_px=480, image_height_px=192, backbone="resnet34", queries=450, layers=4, hidden=1024)
+        return cls(
+            image_width_px=480,
+            image_height_px=192,
+            backbone="resnet34",
+            normalised_cells=True,
+            queries=450,
+            layers=4,
+            hidden=1024,
+        )
 
     @classmethod
     def tiny(cls) -> PETRConfig:
@@ -109,6 +120,7 @@ class PETRConfig:
             strides=(8, 16),
             neck_channels=96,
             channels=96,
+            normalised_cells=True,
             queries=100,
             seeds=80,
             layers=3,

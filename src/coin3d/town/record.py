@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import multiprocessing
 import time
 from collections.abc import Callable, Sequence
@@ -121,8 +122,19 @@ def _check_settings(out: Path, settings: dict[str, Any]) -> None:
         write_json(path, {**settings, "seeds": []})
         return
     there = json.loads(path.read_text())
-    changed = [key for key in settings if there.get(key) != settings[key]]
+    changed = [key for key in settings if not _same(there.get(key), settings[key])]
     if changed:
         raise ValueError(
             f"{path}: the folder holds a recording with other {', '.join(changed)}; choose another folder or delete it"
         )
+
+
+def _same(there: Any, wanted: Any) -> bool:
+    """Equal but for rounding: the last digits of a calibration depend on the machine that computed them."""
+    if isinstance(there, dict) and isinstance(wanted, dict):
+        return there.keys() == wanted.keys() and all(_same(there[key], wanted[key]) for key in wanted)
+    if isinstance(there, list) and isinstance(wanted, list):
+        return len(there) == len(wanted) and all(map(_same, there, wanted))
+    if isinstance(there, float) and isinstance(wanted, float):
+        return math.isclose(there, wanted, rel_tol=1e-9, abs_tol=1e-9)
+    return bool(there == wanted)
