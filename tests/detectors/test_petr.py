@@ -70,6 +70,22 @@ def run(method: str, batch_: Batch) -> dict[str, torch.Tensor]:
     return outputs
 
 
+def test_long_image_cells_do_not_drown_the_queries() -> None:
+    """A trunk that was trained for something else gives cells of any length; as released, their length outweighs what the queries are."""
+    both = batch(sample(0, ring_rig(3)), sample(1, ring_rig(3)))
+
+    def spread(normalised: bool, length: float) -> float:
+        built = settled(petr(config=replace(CONFIG, normalised_cells=normalised)), both)
+        with torch.no_grad():
+            built.input_proj.weight *= length
+            assert built.input_proj.bias is not None
+            built.input_proj.bias *= length
+            return float(built(both)["boxes"][-1, ..., 2:4].std(1).mean())
+
+    assert spread(normalised=True, length=1000.0) == pytest.approx(spread(normalised=True, length=10.0), rel=1e-2)
+    assert spread(normalised=False, length=1000.0) != pytest.approx(spread(normalised=False, length=10.0), rel=0.1)
+
+
 @pytest.mark.parametrize("method", list(METHODS))
 def test_rigs_of_five_and_six_cameras_equal_the_samples_alone(method: str) -> None:
     samples = [sample(0, ring_rig(5)), sample(1, ring_rig(6, focal_px=90.0, height_m=2.1), bev_from_ego=TURNED)]
