@@ -108,6 +108,49 @@ def check_mistakes() -> str:
     return table(["mistake", "found"], rows)
 
 
+def evaluation() -> str:
+    """The detection metric against nuscenes-devkit, and at the size of a validation set."""
+    found = figures("benchmarks/evaluate.json")
+    small, large = found["against_devkit"], found["large"]
+    rows = [
+        ["nuscenes-devkit", small, small["seconds_devkit"], "", ""],
+        [
+            "here, from boxes of samples",
+            small,
+            small["seconds_from_boxes_of_samples"],
+            small["ratio_from_boxes_of_samples"],
+            "",
+        ],
+        ["here, from columns", small, small["seconds"], small["ratio"], ""],
+        ["here, from columns", large, large["seconds"], "", large["peak_gib"]],
+        ["and with all filters", large, large["seconds_with_filters"], "", large["peak_gib_with_filters"]],
+    ]
+    cells = [
+        [
+            what,
+            size["samples"],
+            f"{size['predicted_boxes']:,}",
+            f"{seconds:.2f}",
+            ratio and f"{ratio:.0f}x",
+            gib and f"{gib:.1f} GiB",
+        ]
+        for what, size, seconds, ratio, gib in rows
+    ]
+    return table(["what", "samples", "detections", "seconds", "ratio", "peak memory"], cells)
+
+
+def reading() -> str:
+    """Frames per second with images and LiDAR."""
+    rows = []
+    for row in figures("benchmarks/reading.json")["rows"]:
+        width, height = row["image_px"]
+        cells = [f"{row[key]:.1f}" if key in row else "" for key in ("whole", "whole_plain", "input", "input_plain")]
+        ratio = f"{row['input_ratio']:.1f}x" if "input_ratio" in row else ""
+        rows.append([row["recording"], f"{row['cameras']} of {width} x {height}", f"{row['points']:,}", *cells, ratio])
+    header = ["recording", "images", "points", "whole images", "devkit + PIL", "network input", "devkit + PIL", "ratio"]
+    return table(header, rows)
+
+
 def novel_views() -> str:
     """Rendered against true views."""
     rows = [
@@ -188,6 +231,8 @@ TABLES = {
         latency,
         pooling,
         check_mistakes,
+        evaluation,
+        reading,
         novel_views,
         mesh_depth,
         real,

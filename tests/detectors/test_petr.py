@@ -71,7 +71,7 @@ def run(method: str, batch_: Batch) -> dict[str, torch.Tensor]:
 
 
 def test_long_image_cells_do_not_drown_the_queries() -> None:
-    """A trunk that was trained for something else gives cells of any length; as released, their length outweighs what the queries are."""
+    """Image cells are as long as a trunk makes them; as released, that outweighs what the queries are."""
     both = batch(sample(0, ring_rig(3)), sample(1, ring_rig(3)))
 
     def spread(normalised: bool, length: float) -> float:
