@@ -150,10 +150,10 @@ def refused(path: Path, row: Row, why: str) -> ValueError:
 
 
 def numbers(found: Any) -> Float[np.ndarray, "..."]:
-    """Numbers in lists as an array of float64, of whatever shape they have.
+    """Numbers in lists as an array of float64, of whatever shape they have; they may be infinite or NaN.
 
     Raises:
-        ValueError: something else than numbers, or lists of unequal lengths.
+        ValueError: something else than numbers, lists of unequal lengths, or a finite number beyond 1e12.
     """
     try:
         parsed = np.array(found)
@@ -161,7 +161,10 @@ def numbers(found: Any) -> Float[np.ndarray, "..."]:
         parsed = np.array(None)
     if parsed.dtype.kind not in "iuf":
         raise ValueError(f"numbers are expected, got {shown(found)}")
-    return parsed.astype(np.float64)
+    converted = parsed.astype(np.float64)
+    if (np.isfinite(converted) & (np.abs(converted) > _LARGEST)).any():
+        raise ValueError(f"numbers of sane size are expected, got {shown(found)}")
+    return converted
 
 
 def is_sane_triple(found: Any) -> TypeGuard[list[int | float]]:

@@ -2,7 +2,8 @@
 
 It lies beside the tables as ``tables.index.records``, or in the cache folder where nothing can be written there, and is made
 anew when size or time of a table change, or when it is damaged. Small tables (``SMALL_BYTES``) are read anew at each opening
-and their index, the very same bytes, stays in memory, so that small recordings do not fill folders with files.
+and their index, the very same bytes, stays in memory, so that small recordings do not fill folders with files. Processes that
+open the same tables for the first time at once each make the index; whichever is ready last stays.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ SMALL_BYTES = 8_000_000
 _FORMAT = "coin3d nuscenes tables 1"
 
 Stamps = dict[str, list[int]]
+
+
+class CannotJoinError(OSError):
+    """There is no room for temporary files."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +165,9 @@ def open_or_make(folder: Path, progress: Callable[[str], None], distrust: bool =
                 _write(folder, stamps, file, tell)
             partial.replace(place)
             return RecordFile.open(place)
-        except IsADirectoryError:  # something else has this name
+        except CannotJoinError:
+            raise
+        except OSError:  # full, or something else has this name: the next place
             continue
         finally:
             partial.unlink(missing_ok=True)
@@ -178,7 +185,7 @@ def _write(folder: Path, stamps: Stamps, file: io.BufferedIOBase, tell: TablePro
     try:
         head = write_joined(folder, writer, tell)
     except sqlite3.Error as error:
-        raise OSError(
+        raise CannotJoinError(
             f"{folder}: the tables could not be joined ({error}); this needs a fifth of their size in temporary files, set "
             "SQLITE_TMPDIR to a folder with room"
         ) from error
