@@ -154,6 +154,8 @@ def open_or_make(folder: Path, progress: Callable[[str], None], distrust: bool =
         if known is not None:
             return known
     for place in places:
+        if place.is_dir():
+            continue
         partial = place.with_name(f"{place.name}.{uuid.uuid4().hex}.part")  # several processes may be at it
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -167,7 +169,7 @@ def open_or_make(folder: Path, progress: Callable[[str], None], distrust: bool =
             return RecordFile.open(place)
         except CannotJoinError:
             raise
-        except OSError:  # full, or something else has this name: the next place
+        except OSError:  # full: the next place
             continue
         finally:
             partial.unlink(missing_ok=True)
@@ -186,7 +188,7 @@ def _write(folder: Path, stamps: Stamps, file: io.BufferedIOBase, tell: TablePro
         head = write_joined(folder, writer, tell)
     except sqlite3.Error as error:
         raise CannotJoinError(
-            f"{folder}: the tables could not be joined ({error}); this needs a fifth of their size in temporary files, set "
+            f"{folder}: the tables could not be joined ({error}); this needs up to half of their size in temporary files; set "
             "SQLITE_TMPDIR to a folder with room"
         ) from error
     if _stamps(folder) != stamps:

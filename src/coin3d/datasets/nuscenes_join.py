@@ -18,7 +18,7 @@ from coin3d.datasets.nuscenes_tables import Sample, SmallTables
 from coin3d.datasets.record_file import RecordWriter
 
 _MAX_VELOCITY_GAP_S = 1.5
-_MOST_PER_FRAME = 10_000
+_MOST_PER_FRAME = 2000  # several times what any data set has
 _SWEEPS_PER_RECORD = 1000
 _TOKENS_PER_BUCKET = 64
 

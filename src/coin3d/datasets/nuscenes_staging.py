@@ -126,7 +126,6 @@ class Staging:
         database.executemany("UPDATE pose SET part = ? WHERE token = ?", self._pose_rows())
         database.executemany("INSERT INTO annotation VALUES (?, ?, ?, ?, ?, ?, ?, ?)", self._annotation_rows())
         database.execute("CREATE INDEX annotation_by_token ON annotation (token)")
-        database.execute("DELETE FROM pose WHERE part IS NULL")
 
     def _data_rows(self) -> Iterator[tuple[Any, ...]]:
         path, small = self.data_path, self._small
