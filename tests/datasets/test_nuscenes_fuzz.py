@@ -19,7 +19,7 @@ from coin3d.datasets.nuscenes_format import NuScenesRecording
 from coin3d.datasets.nuscenes_tables import TABLES
 from tiny_recording import edit_table, write_recording
 
-FEW = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FEW = settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 MAX_BYTES = 20_000_000
 
 Flips = st.lists(st.tuples(st.integers(0, 2**31), st.integers(0, 7)), min_size=1, max_size=4)
@@ -105,19 +105,14 @@ def test_flipped_bits(folder: Path, tables: dict[str, bytes], table: str, flips:
     read_all(with_table(folder, tables, table, bytes(data)))
 
 
-@settings(FEW, max_examples=120)
+@settings(FEW, max_examples=80)
 @given(field=st.sampled_from(FIELDS), nonsense=st.sampled_from(NONSENSE), row=st.integers(0, 100))
 def test_wrong_kinds_of_values(folder: Path, tables: dict[str, bytes], field: tuple[str, str], nonsense: str, row: int) -> None:
     table, name = field
     rows = json.loads(tables[table])
     rows[row % len(rows)][name] = "NONSENSE"
     data = json.dumps(rows).replace('"NONSENSE"', nonsense).encode()
-    tracemalloc.start()
-    try:
-        found = read_all(with_table(folder, tables, table, data))
-        assert tracemalloc.get_traced_memory()[1] < MAX_BYTES
-    finally:
-        tracemalloc.stop()
+    found = read_all(with_table(folder, tables, table, data))
     if found is not None:  # of what is used, only what no link or rule can tell from the truth
         assert "inf" not in found and "1e+308" not in found
 
@@ -223,7 +218,7 @@ def test_tracks_linked_at_random(folder: Path, tables: dict[str, bytes], links: 
         assert (np.isnan(speeds) | (speeds < 60)).all()
 
 
-@settings(FEW, max_examples=40)
+@settings(FEW, max_examples=30)
 @given(flips=Flips, cut=st.none() | st.floats(0, 1, exclude_max=True))
 def test_damaged_indexes_are_made_anew(folder: Path, flips: list[tuple[int, int]], cut: float | None) -> None:
     small, nuscenes_index.SMALL_BYTES = nuscenes_index.SMALL_BYTES, 0

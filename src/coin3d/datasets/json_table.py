@@ -159,7 +159,7 @@ def numbers(found: Any) -> Float[np.ndarray, "..."]:
         parsed = np.array(found)
     except ValueError:
         parsed = np.array(None)
-    if parsed.dtype.kind not in "iuf":
+    if parsed.dtype.kind not in "iuf" or _has_bool(found):
         raise ValueError(f"numbers are expected, got {shown(found)}")
     converted = parsed.astype(np.float64)
     if (np.isfinite(converted) & (np.abs(converted) > _LARGEST)).any():
@@ -170,6 +170,11 @@ def numbers(found: Any) -> Float[np.ndarray, "..."]:
 def is_sane_triple(found: Any) -> TypeGuard[list[int | float]]:
     """Whether a value is a list of three numbers of sane size."""
     return isinstance(found, list) and len(found) == 3 and all(type(n) in (int, float) and abs(n) <= _LARGEST for n in found)
+
+
+def _has_bool(found: Any) -> bool:
+    """Whether there is a true or false in lists, which Python takes for numbers."""
+    return isinstance(found, bool) or (isinstance(found, list) and any(map(_has_bool, found)))
 
 
 def _is_token(token: Any) -> bool:

@@ -49,6 +49,7 @@ class NuScenesRecording:
         FileNotFoundError: no tables, or one is missing.
         ValueError: a table is damaged, a token dangles, a scene is empty, no sample has a camera, or the recording has no such
             split or camera.
+        OSError: there is no room for the temporary files that joining large tables takes.
     """
 
     def __init__(
