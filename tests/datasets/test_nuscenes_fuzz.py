@@ -19,7 +19,7 @@ from coin3d.datasets.nuscenes_format import NuScenesRecording
 from coin3d.datasets.nuscenes_tables import TABLES
 from tiny_recording import edit_table, write_recording
 
-FEW = settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FEW = settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 MAX_BYTES = 20_000_000
 
 Flips = st.lists(st.tuples(st.integers(0, 2**31), st.integers(0, 7)), min_size=1, max_size=4)
@@ -105,7 +105,7 @@ def test_flipped_bits(folder: Path, tables: dict[str, bytes], table: str, flips:
     read_all(with_table(folder, tables, table, bytes(data)))
 
 
-@settings(FEW, max_examples=80)
+@settings(FEW, max_examples=50)
 @given(field=st.sampled_from(FIELDS), nonsense=st.sampled_from(NONSENSE), row=st.integers(0, 100))
 def test_wrong_kinds_of_values(folder: Path, tables: dict[str, bytes], field: tuple[str, str], nonsense: str, row: int) -> None:
     table, name = field
@@ -158,7 +158,7 @@ def test_these_never_pass(folder: Path, tables: dict[str, bytes], table: str, na
         ('[{"token": "' + "x" * 5_000_000, "Unterminated string|more than"),
         ('[{"token": "' + "x" * 5_000_000 + '"}]', "Unterminated string|more than"),
         ('[{"token": "a", "x": ' + "9" * 5000 + "}]", "integer"),
-        ('[{"token": "a", "x": [' + "1," * 3_000_000 + "1]}]", "more than 1048576 characters"),
+        ('[{"token": "a", "x": [' + "1," * 1_100_000 + "1]}]", "more than 1048576 characters"),
         ('[{"token": "a"}, {}]', "row 1 has no 'token'"),
         ('[{"token": "a"}, 7]', "row 1 has no 'token'"),
         ('[{"token": "a"}] []', "something follows"),
@@ -218,7 +218,7 @@ def test_tracks_linked_at_random(folder: Path, tables: dict[str, bytes], links: 
         assert (np.isnan(speeds) | (speeds < 60)).all()
 
 
-@settings(FEW, max_examples=30)
+@settings(FEW, max_examples=15)
 @given(flips=Flips, cut=st.none() | st.floats(0, 1, exclude_max=True))
 def test_damaged_indexes_are_made_anew(folder: Path, flips: list[tuple[int, int]], cut: float | None) -> None:
     small, nuscenes_index.SMALL_BYTES = nuscenes_index.SMALL_BYTES, 0

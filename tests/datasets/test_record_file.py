@@ -63,7 +63,7 @@ def test_in_a_file_and_in_other_processes(tmp_path: Path) -> None:
         file[0]
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(place=st.integers(0, 10**6), bit=st.integers(0, 7), cut=st.booleans())
 def test_damage_never_passes(place: int, bit: int, cut: bool) -> None:
     data = bytearray(written(RECORDS, {"x": 1}))
