@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from coin3d.datasets.nuscenes_format import NuScenesRecording
-from coin3d.datasets.nuscenes_tables import NuScenesTables
+from coin3d.datasets.nuscenes_tables import TABLES
 from tiny_recording import CAMERAS, edit_table
 
 Rows = list[dict[str, Any]]
 
 
-@pytest.mark.parametrize("table", [field.name for field in fields(NuScenesTables)])
+@pytest.mark.parametrize("table", TABLES)
 def test_missing_and_truncated_tables(tiny_recording: Path, table: str) -> None:
     path = tiny_recording / "v1.0-tiny" / f"{table}.json"
     content = path.read_text()

@@ -1,20 +1,18 @@
 """Where the frames of a file are: found once, kept as a small JSON file, found again when the file changes.
 
-The index lies beside the file it describes, or, where nothing can be written there, in ``$COIN3D_CACHE`` (by default
-``~/.cache/coin3d``). It is a convenience: unreadable, outdated or damaged ones are made anew.
+Where it lies says ``index_place``. It is a convenience: unreadable, outdated or damaged ones are made anew.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import astuple
 from pathlib import Path
 from typing import Any, TypeVar
 
 from coin3d.datasets.file_span import FileStamp
+from coin3d.datasets.index_place import FRAMES_SUFFIX, index_places
 from coin3d.records import write_bytes
 
 _FORMAT = "coin3d frame index 1"
@@ -36,7 +34,7 @@ def indexed(path: Path, kind: Callable[..., Entry], build: Callable[[], Sequence
         ValueError: from ``build``.
     """
     stamp = FileStamp.of(path)
-    places = _places(path)
+    places = index_places(path, FRAMES_SUFFIX)
     for place in places:
         known = _read(place, stamp, kind)
         if known is not None:
@@ -51,18 +49,6 @@ def indexed(path: Path, kind: Callable[..., Entry], build: Callable[[], Sequence
         except OSError:  # read-only or full: the next place, or this time without
             continue
     return entries
-
-
-def cache_folder() -> Path:
-    """``$COIN3D_CACHE``, by default ``~/.cache/coin3d``."""
-    named = os.environ.get("COIN3D_CACHE")
-    return Path(named) if named else Path.home() / ".cache" / "coin3d"
-
-
-def _places(path: Path) -> list[Path]:
-    absolute = str(path.resolve())
-    unique = hashlib.sha256(absolute.encode(errors="surrogateescape")).hexdigest()[:16]
-    return [path.with_name(f"{path.name}.index.json"), cache_folder() / f"{path.name[:100]}.{unique}.index.json"]
 
 
 def _read(place: Path, stamp: FileStamp, kind: Callable[..., Entry]) -> list[Entry] | None:

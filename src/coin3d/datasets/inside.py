@@ -8,6 +8,7 @@ from typing import Any
 from coin3d.datasets.json_values import shown
 
 _LONGEST = 1000
+_LONGEST_PART = 255
 
 
 def inside(root: Path, name: Any, where: str) -> Path:
@@ -23,12 +24,17 @@ def inside(root: Path, name: Any, where: str) -> Path:
     Raises:
         ValueError: not a name, an absolute one, or one that leaves the folder.
     """
-    if not isinstance(name, str) or not name or len(name) > _LONGEST or not name.isprintable():
+    if not isinstance(name, str) or not name or len(name) > _LONGEST or not name.isprintable() or _has_long_part(name):
         raise ValueError(f"{where}: the name of a file is expected, got {shown(name)}")
     path = PurePosixPath(name)
     if path.is_absolute() or PureWindowsPath(name).drive or "\\" in name or ".." in path.parts:
         raise ValueError(f"{where}: '{name}' leads out of the recording; give a path below {root}, with / between folders")
     return root / path
+
+
+def _has_long_part(name: str) -> bool:
+    """Whether no file system can have such a file."""
+    return any(len(part.encode()) > _LONGEST_PART for part in name.split("/"))
 
 
 def plain_name(name: Any, where: str) -> str:

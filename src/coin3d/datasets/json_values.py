@@ -124,6 +124,8 @@ def shown(value: Any) -> str:
         written = repr(value)
     except ValueError:  # Python refuses to write out whole numbers of thousands of digits
         return "a number of thousands of digits"
+    except RecursionError:
+        return "lists in lists in lists"
     return written if len(written) <= 60 else written[:57] + "..."
 
 

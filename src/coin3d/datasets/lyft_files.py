@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from coin3d.datasets.inside import inside
+
 ZOOMED_CAMERA = "CAM_FRONT_ZOOMED"
 """A seventh camera with a long lens that only some vehicles have; left out unless it is asked for."""
 
@@ -23,12 +25,20 @@ def data_root(root: Path, table_folder: Path, filename: str) -> Path:
         table_folder: the folder with the tables, in or below it.
         filename: of any sample, as the table has it.
     """
-    first = Path(filename).parts[0] if filename else ""
+    first = filename.partition("/")[0] if _is_name_inside(root, filename) else ""
     places = [table_folder.parent] if table_folder == root else [root, table_folder.parent, table_folder.parent.parent]
     for place in places:
         if first and any((place / folder).is_dir() for folder in (first, _AS_DOWNLOADED.get(first, first))):
             return place
     return places[0]
+
+
+def _is_name_inside(root: Path, filename: str) -> bool:
+    try:
+        inside(root, filename, "filename")
+    except ValueError:  # says so where the file is asked for
+        return False
+    return True
 
 
 def locate(root: Path, filename: str) -> Path:

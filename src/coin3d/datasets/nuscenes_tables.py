@@ -1,122 +1,114 @@
-"""The tables of a nuScenes-format recording (nuScenes v1.0 schema), found on disk and joined by token."""
+"""The tables of a nuScenes-format recording (nuScenes v1.0 schema): found on disk, and the small ones held in memory."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
-from coin3d.datasets.json_table import Row, Table
+from coin3d.datasets.json_table import Row, Table, Tell, follow, microseconds, name, value
+from coin3d.datasets.nuscenes_sensors import Sensors
 
-_CAMERA_ORDER = ("CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT", "CAM_BACK", "CAM_BACK_LEFT", "CAM_BACK_RIGHT")
+TABLES = (
+    "scene",
+    "sample",
+    "sample_data",
+    "ego_pose",
+    "calibrated_sensor",
+    "sensor",
+    "sample_annotation",
+    "instance",
+    "category",
+)
+"""The nine tables a frame needs."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A key frame.
+
+    Args:
+        token: of the sample.
+        scene: index of its scene.
+        time_us: microseconds as the table has them.
+    """
+
+    token: str
+    scene: int
+    time_us: int | float
 
 
 @dataclass(frozen=True, eq=False)
-class NuScenesTables:
-    """The nine tables a frame needs; every link between them is checked by ``read_tables``."""
+class SmallTables:
+    """The tables that grow with scenes, objects and key frames only; links between them are followed when they are needed."""
 
     scene: Table
     sample: Table
-    sample_data: Table
-    ego_pose: Table
     calibrated_sensor: Table
     sensor: Table
-    sample_annotation: Table
     instance: Table
     category: Table
 
-    def calibration(self, data: Row) -> Row:
-        """The calibrated_sensor row of a sample_data row."""
-        return self.sample_data.follow(data, "calibrated_sensor_token", self.calibrated_sensor)
+    @classmethod
+    def read(cls, folder: Path, tell: Tell | None = None) -> SmallTables:
+        """Read them.
 
-    def sensor_of(self, data: Row) -> Row:
-        """The sensor row (channel, modality) of a sample_data row."""
-        return self.calibrated_sensor.follow(self.calibration(data), "sensor_token", self.sensor)
+        Raises:
+            FileNotFoundError: a table is missing.
+            ValueError: a table cannot be parsed.
+        """
 
-    def category_name(self, annotation: Row) -> str:
+        def table(stem: str, *fields: str) -> Table:
+            return Table(folder / f"{stem}.json", fields, tell)
+
+        return cls(
+            table("scene", "name"),
+            table("sample", "timestamp", "scene_token"),
+            table("calibrated_sensor", "sensor_token", "translation", "rotation", "camera_intrinsic"),
+            table("sensor", "channel", "modality"),
+            table("instance", "category_token"),
+            table("category", "name"),
+        )
+
+    def sensors(self) -> Sensors:
+        """Channels by what they are."""
+        path = self.sensor.path
+        pairs = [(name(path, row, "channel"), value(path, row, "modality")) for row in self.sensor.rows()]
+        cameras, lidars = (frozenset(channel for channel, kind in pairs if kind == wanted) for wanted in ("camera", "lidar"))
+        return Sensors(path, cameras, lidars)
+
+    def sensor_of(self, calibration: Row) -> Row:
+        """The sensor row (channel, modality) of a calibrated_sensor row."""
+        return follow(self.calibrated_sensor.path, calibration, "sensor_token", self.sensor)
+
+    def category_name(self, annotation_table: Path, annotation: Row) -> str:
         """The category of a sample_annotation row, by way of its instance."""
-        instance = self.sample_annotation.follow(annotation, "instance_token", self.instance)
-        return str(self.category.value(self.instance.follow(instance, "category_token", self.category), "name"))
+        instance = follow(annotation_table, annotation, "instance_token", self.instance)
+        return name(self.category.path, follow(self.instance.path, instance, "category_token", self.category), "name")
 
-    def samples_by_scene(self) -> dict[str, list[Row]]:
-        """Scene token -> its samples in time order, scenes in table order.
+    def scene_names(self) -> list[str]:
+        """Names of the scenes in the order of their table."""
+        return [name(self.scene.path, row, "name") for row in self.scene.rows()]
+
+    def samples(self) -> list[Sample]:
+        """All samples: scene by scene in the order of that table, in time order within a scene.
 
         Raises:
-            ValueError: a sample without scene, or a scene without samples.
+            ValueError: a sample without scene, a scene without samples, or no samples at all.
         """
-        groups: dict[str, list[Row]] = {row["token"]: [] for row in self.scene.rows()}
-        for sample in self.sample.rows():
-            groups[self.sample.follow(sample, "scene_token", self.scene)["token"]].append(sample)
-        for token, samples in groups.items():
-            if not samples:
+        path = self.sample.path
+        place = {row["token"]: i for i, row in enumerate(self.scene.rows())}
+        found = [
+            Sample(row["token"], place[follow(path, row, "scene_token", self.scene)["token"]], microseconds(path, row))
+            for row in self.sample.rows()
+        ]
+        found.sort(key=lambda sample: (sample.scene, sample.time_us))
+        used = {sample.scene for sample in found}
+        for token, i in place.items():
+            if i not in used:
                 raise ValueError(f"{self.scene.path}: scene '{token}' has no samples; remove its row or add its samples")
-            samples.sort(key=lambda row: self.sample.value(row, "timestamp"))
-        return groups
-
-    def key_data_by_sample(self) -> dict[str, dict[str, Row]]:
-        """Sample token -> channel -> sample_data row, key frames only (the joins the files do not hold).
-
-        Raises:
-            ValueError: a token that dangles.
-        """
-        groups: dict[str, dict[str, Row]] = defaultdict(dict)
-        for data in self.sample_data.rows():
-            if self.sample_data.value(data, "is_key_frame"):
-                sample = self.sample_data.follow(data, "sample_token", self.sample)
-                self.sample_data.follow(data, "ego_pose_token", self.ego_pose)
-                groups[sample["token"]][self.sensor_of(data)["channel"]] = data
-        return dict(groups)
-
-    def annotations_by_sample(self) -> dict[str, list[Row]]:
-        """Sample token -> its annotations.
-
-        Raises:
-            ValueError: a token that dangles.
-        """
-        groups: dict[str, list[Row]] = defaultdict(list)
-        for annotation in self.sample_annotation.rows():
-            sample = self.sample_annotation.follow(annotation, "sample_token", self.sample)
-            self.category_name(annotation)
-            groups[sample["token"]].append(annotation)
-        return dict(groups)
-
-    def cameras_in_order(self, channels: Iterable[str]) -> list[str]:
-        """Camera channels: nuScenes' six first, in their usual order, then others by name."""
-        cameras = {row["channel"] for row in self.sensor.rows() if row["modality"] == "camera"} & set(channels)
-        return [c for c in _CAMERA_ORDER if c in cameras] + sorted(cameras - set(_CAMERA_ORDER))
-
-    def camera_channels(self, wanted: Collection[str] | None, leave_out: Collection[str]) -> set[str]:
-        """The channels to read: what is wanted, or all cameras there are without those to leave out.
-
-        Raises:
-            ValueError: a wanted camera that the recording does not know.
-        """
-        there = {row["channel"] for row in self.sensor.rows() if row["modality"] == "camera"}
-        if wanted is None:
-            return there - set(leave_out)
-        if missing := sorted(set(wanted) - there):
-            raise ValueError(f"{self.sensor.path}: no camera {', '.join(missing)}, only {', '.join(sorted(there))}")
-        return set(wanted)
-
-    def any_filename(self) -> str:
-        """The file name of some sample, "" where there are none."""
-        return next((str(row.get("filename", "")) for row in self.sample_data.rows()), "")
-
-    def lidar_of(self, channels: Iterable[str]) -> str | None:
-        """LIDAR_TOP, else the first other LiDAR by name, else nothing."""
-        lidars = sorted({row["channel"] for row in self.sensor.rows() if row["modality"] == "lidar"} & set(channels))
-        return "LIDAR_TOP" if "LIDAR_TOP" in lidars else next(iter(lidars), None)
-
-
-def read_tables(folder: Path) -> NuScenesTables:
-    """Parse the JSON files of a version folder.
-
-    Raises:
-        FileNotFoundError: a table is missing.
-        ValueError: a table cannot be parsed.
-    """
-    return NuScenesTables(*(Table(folder / f"{field.name}.json") for field in fields(NuScenesTables)))
+        if not found:
+            raise ValueError(f"{path}: the recording has no samples")
+        return found
 
 
 def find_version_folder(root: Path, version: str | None = None) -> Path:

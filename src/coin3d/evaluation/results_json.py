@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from coin3d.datasets.classes import CAR, KNOWN_CATEGORIES, PEDESTRIAN, TWO_WHEEL, ClassMap
+from coin3d.datasets.json_stream import JsonStream
 from coin3d.evaluation.box_table import BoxTable
-from coin3d.evaluation.json_stream import JsonStream
 from coin3d.geometry import Boxes3D, Pose
 
 _META = {"use_camera": True, "use_lidar": False, "use_radar": False, "use_map": False, "use_external": False}

@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from coin3d.datasets.index_place import is_index
+
 _VERSIONED = ("coin3d", "numpy", "opencv-python-headless", "timm", "torch")
 
 
@@ -41,10 +43,13 @@ def _git(*words: str) -> str:
 
 
 def fingerprint(folders: Iterable[Path]) -> str:
-    """Hash over names and sizes of all files of the data, and the content of tables: changes when the data does."""
+    """Hash over names and sizes of all files of the data, and the content of tables: changes when the data does.
+
+    Indexes that readers keep beside the data are none of it.
+    """
     digest = hashlib.sha256()
     for folder in folders:
-        for path in sorted(p for p in Path(folder).rglob("*") if p.is_file()):
+        for path in sorted(p for p in Path(folder).rglob("*") if p.is_file() and not is_index(p)):
             digest.update(f"{path.relative_to(folder)} {path.stat().st_size}\n".encode())
             if path.suffix in (".json", ".yaml"):
                 digest.update(path.read_bytes())

@@ -14,20 +14,22 @@ _SPACE = " \t\n\r"
 
 
 class JsonStream:
-    """A cursor in a JSON text. Objects are walked with ``members``; what a key leads to is read whole with ``value``.
+    """A cursor in a JSON text. Objects are walked with ``members``, lists with ``items``; ``value`` reads what is there whole.
 
-    Memory is that of the largest value, of which there may be 16 million characters at most.
+    Memory is that of the largest value.
 
     Args:
         file: open text file.
         path: its name, for errors.
+        longest: characters that a value may have; 16 million by default. Where the text ends a value may be a little longer.
 
     Raises:
         ValueError: from all methods, where the text is no JSON, ends too early or is no UTF-8; with file and character.
     """
 
-    def __init__(self, file: TextIO, path: Path) -> None:
+    def __init__(self, file: TextIO, path: Path, longest: int | None = None) -> None:
         self._file, self._path = file, path
+        self._longest = _MAX_VALUE if longest is None else longest
         self._text, self._at, self._dropped, self._ended = "", 0, 0, False
         self._decoder = json.JSONDecoder()
 
@@ -47,6 +49,19 @@ class JsonStream:
                 self._at += 1
                 return
             self._take(",", "',' or '}'")
+
+    def items(self) -> Iterator[Any]:
+        """The values of the list that begins here, each of them whole."""
+        self._take("[", "a list")
+        if self.peek() == "]":
+            self._at += 1
+            return
+        while True:
+            yield self.value()
+            if self.peek() == "]":
+                self._at += 1
+                return
+            self._take(",", "',' or ']'")
 
     def value(self) -> Any:
         """The value that begins here, whole."""
@@ -69,8 +84,8 @@ class JsonStream:
                     return found
             if self._ended:
                 raise self.error(f"{problem}; the file ends within a value, is it complete?")
-            if len(self._text) - self._at > _MAX_VALUE:
-                raise self.error(f"a value of more than {_MAX_VALUE} characters")
+            if len(self._text) - self._at > self._longest:
+                raise self.error(f"a value of more than {self._longest} characters")
             self._read(max(_CHUNK, len(self._text) - self._at))
 
     def peek(self) -> str:
@@ -87,7 +102,7 @@ class JsonStream:
     def finish(self) -> None:
         """Make sure that nothing follows."""
         if self.peek():
-            raise self.error("something follows the end of the object")
+            raise self.error("something follows the end")
 
     def error(self, what: str, at: int | None = None) -> ValueError:
         """An error at a place of the text, by default here."""
