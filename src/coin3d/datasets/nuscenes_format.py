@@ -20,6 +20,7 @@ from coin3d.datasets.splits import SplitChoice, chosen_scenes
 from coin3d.geometry import Boxes3D, Camera, Pose, Rig
 
 _MAX_VELOCITY_GAP_S = 1.5
+_VISIBILITY_TOKENS = {"1": 1, "2": 2, "3": 3, "4": 4}  # Lyft has ""
 # nuScenes and Lyft calibrate with OpenCV, whose first pixel has its centre at 0
 _OPENCV_PIXEL_SHIFT = 0.5
 
@@ -215,6 +216,7 @@ class NuScenesRecording:
                 velocity_mps=np.stack([self._velocity_mps(row) for row in rows]),
                 instance_ids=[str(row["instance_token"]) for row in rows],
                 num_lidar_points=[int(row.get("num_lidar_pts", -1)) for row in rows],
+                visibility=[_VISIBILITY_TOKENS.get(str(row.get("visibility_token")), 0) for row in rows],
             )
         except (ValueError, TypeError) as error:
             raise ValueError(f"{table.path}: annotations of sample '{sample_token}': {error}") from error
