@@ -1,4 +1,4 @@
-"""``coin3d rig``: one rig in numbers and pictures, or two rigs compared."""
+"""``coin3d rig``: one rig in numbers and pictures, two rigs compared, or a rig against those of a training."""
 
 from __future__ import annotations
 
@@ -12,19 +12,31 @@ from coin3d.records import to_plain, write_bytes, write_json
 from coin3d.rig_report.facts import CameraFacts, CameraPair, RigDifference, RigFacts, rig_difference, rig_facts
 from coin3d.rig_report.figures import figure_png, ground_growth_figure, top_view_figure
 from coin3d.rig_report.map_figure import prior_maps_figure
+from coin3d.rig_report.page import DistanceReport, write_distance_report
+from coin3d.rig_report.prior_distance import CameraDistance, RigDistance, Span, rig_distance
 from coin3d.rig_report.ring import pluecker_ring_figure
 from coin3d.rig_report.text import difference_text, rig_table
+from coin3d.rig_report.verdict import Verdict, advice, verdicts
 
 __all__ = [
+    "CameraDistance",
     "CameraFacts",
     "CameraPair",
+    "DistanceReport",
     "RigDifference",
+    "RigDistance",
     "RigFacts",
+    "Span",
+    "Verdict",
+    "advice",
     "compare_rigs",
     "find_rig",
     "rig_difference",
+    "rig_distance",
     "rig_facts",
     "show_rig",
+    "verdicts",
+    "write_distance_report",
 ]
 
 _PICTURES = {

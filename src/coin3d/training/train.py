@@ -21,6 +21,7 @@ from coin3d.training.loop import LOG_FILE, WEIGHTS_FILE, fit
 from coin3d.training.options import TrainOptions
 from coin3d.training.run_dir import environment, fingerprint, git_state
 from coin3d.training.samples import TrainingSamples
+from coin3d.training.seen_rigs import DESCRIPTION_KEY, gather_training_rigs
 
 RUN_FILE = "run.json"
 
@@ -106,6 +107,8 @@ def train(
         return out / WEIGHTS_FILE
     notes = f"trained on {', '.join(Path(p).name for p in data)} for {options.steps} steps"
     description = describe(detector, config, class_map.classes, method, method_options, notes)
+    rigs = gather_training_rigs(recordings, size, options.augment, view_augmentation, frame_augmentation)
+    description[DESCRIPTION_KEY] = rigs.plain()
     fit(model, samples, options, out, description, device=device, progress=progress)
     draw_curves(out / LOG_FILE, out / "curves.png")
     return out / WEIGHTS_FILE
