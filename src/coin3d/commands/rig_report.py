@@ -20,11 +20,13 @@ def rig_report(
     checkpoint: Annotated[str | None, arg(metavar="WEIGHTS", help_behavior_hint="(default: none)")] = None,
     against: Annotated[tuple[str, ...], arg(metavar="RIG ...", help_behavior_hint="(default: those of the checkpoint)")] = (),
 ) -> None:
-    """Can I run this on my cameras? Each camera and each prior map against what a checkpoint saw in training, on one page.
+    """Can I run this on my cameras? A rig on one page: what it covers, and what is new to a trained network.
 
-    Geometry only: how well a network copes with a difference is not predicted.
+    Each camera and each prior map is compared with those of the training rigs. Geometry only: how well a network copes with a
+    difference is not predicted. Without --checkpoint and --against the page is about the rig alone.
 
     Try:
+      coin3d rig report recordings/van --out out/van
       coin3d rig report recordings/van --checkpoint runs/mine/model.safetensors --out out/van
       coin3d rig report recordings/van/rig.yaml --against nuscenes lyft1 --out out/van
       coin3d rig report waymo --checkpoint town-coin3d --against nuscenes --out out/waymo
@@ -38,11 +40,12 @@ def rig_report(
             are augmented as its method tells.
     """
     from coin3d.commands.outcome import RESULT_FILE
-    from coin3d.rig_report.page import REPORT_FILE, write_distance_report
+    from coin3d.rig_report.page import REPORT_FILE, write_rig_report
+    from coin3d.rig_report.text import rig_table
 
     training, method, source = _training(checkpoint, against)
-    report = write_distance_report(find_any_rig(rig), training, out, method=method, source=source)
-    print(report.text())
+    report = write_rig_report(find_any_rig(rig), out, training, method=method, source=source)
+    print(rig_table(report.facts) if report.comparison is None else report.comparison.text())
     for picture in report.pictures:
         print(f"picture: {out / picture}")
     print(f"report:  {out / REPORT_FILE}")
@@ -57,15 +60,15 @@ def find_any_rig(name: str) -> Rig:
     return open_recording(name)[0].rig if Path(name).is_dir() else find_rig(name)
 
 
-def _training(checkpoint: str | None, against: tuple[str, ...]) -> tuple[TrainingRigs, str | None, str]:
-    """Training rigs, the method, and where the rigs come from in words."""
+def _training(checkpoint: str | None, against: tuple[str, ...]) -> tuple[TrainingRigs | None, str | None, str]:
+    """Training rigs if any were given, the method, and where the rigs come from in words."""
     from coin3d.inference import checkpoint_path
     from coin3d.training.checkpoint import read_description
     from coin3d.training.seen_rigs import TrainingRigs, named_rigs, rigs_of_description
 
     if checkpoint is None:
         if not against:
-            raise ValueError("say what to compare with: --checkpoint WEIGHTS, or --against with the rigs of a training")
+            return None, None, ""
         return TrainingRigs(tuple(map(find_any_rig, against)), _INPUT_PX), None, "No checkpoint was given."
     path = checkpoint_path(checkpoint)
     description = read_description(path)

@@ -187,7 +187,7 @@ def named_rigs(rigs: Sequence[Rig], description: dict[str, Any], where: str) -> 
 def _input_size_px(description: dict[str, Any], where: str) -> tuple[int, int]:
     config = description.get("config")
     width, height = (config.get(f"image_{side}_px") for side in ("width", "height")) if isinstance(config, dict) else (0, 0)
-    if not (isinstance(width, int) and isinstance(height, int) and 0 < min(width, height)):
+    if not (isinstance(width, int) and isinstance(height, int) and min(width, height) > 0):
         raise ValueError(f"{where}: the checkpoint does not say the size of its network input")
     return width, height
 
