@@ -19,7 +19,7 @@ from coin3d.geometry import Camera, GroundPlane, Pose, Rig, camera_pose, preset_
 from coin3d.geometry.rig_changes import raised
 from coin3d.priors.reference import reference_maps
 from coin3d.rig_report import Span, advice, coverage, rig_distance, verdicts, write_rig_report
-from coin3d.rig_report.row_ranges import inverse_maps, row_ranges
+from coin3d.rig_report.row_ranges import cell_centres, inverse_maps, row_ranges
 from coin3d.rig_report.training_views import SeenView, network_view, training_views
 from coin3d.training.seen_rigs import TrainingRigs
 
@@ -156,11 +156,15 @@ def test_inverse_maps_are_the_prior_maps(fov_deg: float, z: float, pitch: float,
     clear = np.abs(np.where(depth > 0, 1 / np.maximum(depth, 1e-9), 0) - 60) > 1e-6  # not on the edge of the cap
     expected = maps[1] * 25
     np.testing.assert_allclose(depth[clear] * expected[clear], (expected > 0)[clear], atol=1e-9)
-    low, high = row_ranges([SeenView(camera, ground)]).depth
-    rows = depth[[4, 12, 20]][:, [4, 60 - 4]]
-    assert (rows >= low[:, None] - 1e-12).all() and (rows <= high[:, None] + 1e-12).all()
-    interior = growth[1:] * (maps[1][1:] > 0) * (maps[1][:-1] > 0)
-    np.testing.assert_allclose(np.log1p(interior) / 2, maps[2][1:] * (interior > 0), atol=1e-7)
+    sharp = -1 / np.diff(1 / np.maximum(expected, 1e-9), axis=0)  # where two rows see ground: 1 / (1/z - 1/z_above)
+    both = (expected[1:] > 0) & (expected[:-1] > 0) & (np.abs(sharp) < 1e6) & (np.abs(sharp) > 1e-9)
+    np.testing.assert_allclose(np.log1p(growth[1:][both]) / 2, maps[2][1:][both], rtol=1e-6, atol=1e-9)
+    cells = inverse_maps(SeenView(camera, ground), cell_centres(64), cell_centres(24))
+    ranges = row_ranges([SeenView(camera, ground)])
+    for values, (low, high) in zip(cells, (ranges.depth, ranges.growth), strict=True):
+        assert (values >= low[:, None] * (1 - 1e-9)).all() and (values <= high[:, None] * (1 + 1e-9)).all()
+        np.testing.assert_allclose(values.min(1), low, rtol=1e-9)  # and no wider than needed
+        np.testing.assert_allclose(values.max(1), high, rtol=1e-9)
 
 
 def test_focal_augmentation_widens_the_range_by_its_ratios() -> None:

@@ -118,7 +118,8 @@ def rows_figure(rig: Rig, distance: RigDistance, views: TrainingViews) -> Figure
             depth = _upright(values[:, 0])
             axes.plot(depth, rows, color=_LINES[0], linewidth=2)
             outside = outside_range(values, *wide)[:, 0]
-            at_edge = np.nan_to_num(depth, nan=axis[-1])  # no ground, where training had some
+            # at the right edge: no ground where training had some. Nothing may lie outside: the layout makes room for dots
+            at_edge = np.clip(np.nan_to_num(depth, nan=axis[-1]), axis[0], axis[-1])
             axes.plot(at_edge[outside], rows[outside], ".", color=_OUTSIDE, markersize=7, clip_on=False)
             axes.set(xscale="log", xlim=(axis[0], axis[-1]), ylim=(distance.size_px[1], 0), xlabel=label)
             axes.set_xticks(axis, labels=[f"{tick:g}" for tick in axis])
@@ -128,7 +129,7 @@ def rows_figure(rig: Rig, distance: RigDistance, views: TrainingViews) -> Figure
         if column == 0:
             for axes in grid[2 * line : 2 * line + 2, 0]:
                 axes.set_ylabel("row of the network input")
-    figure.legend(handles=_legend(distance, line=True), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(handles=_legend(distance, line=True), loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
     return figure
 
 

@@ -119,8 +119,8 @@ def _distance_pictures(rig: Rig, distance: RigDistance, training: TrainingRigs) 
             "distance_ground.png",
             lambda: rows_figure(rig, distance, views),
             "Ground depth and its growth (the ground gradient is log(1/growth + 1)/2) down the middle of each image. Red: "
-            "outside what training had in that row by more than 5 %. Rows without a line show no ground within 60 m; red dots at the "
-            "right edge are such rows where training had ground.",
+            "outside what training had in that row by more than 5 %. Rows without a line show no ground within 60 m; red dots "
+            "at the right edge are such rows where training had ground.",
         ),
         _Picture(
             "distance_directions.png",
