@@ -38,7 +38,7 @@ def distance_parts(
         "<h2>The four priors</h2>",
         paragraph(
             "Shares are of image cells whose value training never showed (ground: in the same row). Beside them the "
-            "distance to the nearest value it did show: focal length and ground depth as ratios, growth of the ground depth per "
+            "distance to the nearest value it did show: focal length and ground depth as ratios, growth of ground depth per "
             "image row where the ground is 20 m deep, rays in degrees from the nearest direction that was looked in and in "
             "metres from the nearest parallel ray. How each is defined: src/coin3d/rig_report/prior_distance.py."
         ),

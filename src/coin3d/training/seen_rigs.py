@@ -62,7 +62,8 @@ class TrainingRigs:
         if min(self.size_px) < 1 or max(self.size_px) > _LONGEST_PX:
             raise ValueError(f"a network input has from 1 to {_LONGEST_PX} pixels a side, got {self.size_px}")
         if not 0 <= self.max_rotation_deg <= 180 or not 0 <= self.half_turn_probability <= 1:
-            raise ValueError(f"images turn by 0 to 180 degrees, half turns have a probability in [0, 1], got {self}")
+            numbers = f"{self.max_rotation_deg} and {self.half_turn_probability}"
+            raise ValueError(f"images turn by 0 to 180 degrees, half turns have a probability in [0, 1], got {numbers}")
 
     def plain(self) -> dict[str, Any]:
         """As JSON can hold it; numbers of rigs with six decimals."""

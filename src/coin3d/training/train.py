@@ -101,13 +101,13 @@ def train(
         config.frames,
     )
     samples[0]  # data that cannot be trained on should show before anything is written
+    rigs = gather_training_rigs(recordings, size, options.augment, view_augmentation, frame_augmentation)
     _claim(out, settings, data)
     if (out / WEIGHTS_FILE).is_file():
         progress(f"{out / WEIGHTS_FILE} is finished; choose an empty folder to train again")
         return out / WEIGHTS_FILE
     notes = f"trained on {', '.join(Path(p).name for p in data)} for {options.steps} steps"
     description = describe(detector, config, class_map.classes, method, method_options, notes)
-    rigs = gather_training_rigs(recordings, size, options.augment, view_augmentation, frame_augmentation)
     description[DESCRIPTION_KEY] = rigs.plain()
     fit(model, samples, options, out, description, device=device, progress=progress)
     draw_curves(out / LOG_FILE, out / "curves.png")
