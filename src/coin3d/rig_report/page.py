@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from coin3d.datasets.image_source import read_image
 from coin3d.geometry import Rig
+from coin3d.geometry.undistort import undistorted_rig
 from coin3d.records import to_plain, write_bytes, write_json
 from coin3d.report.html import figure, page, paragraph, table, text
 from coin3d.rig_report.coverage import Coverage, coverage, coverage_figure
@@ -79,12 +80,13 @@ def write_rig_report(
     """A rig, and its distance to the rigs of a training: report.html, its pictures as PNG, and result.json in ``out``.
 
     Args:
-        rig: of pinhole cameras.
+        rig: pinhole cameras stand in for those with lenses.
         out: folder, made if need be.
         training: what training showed; None: the page is about the rig alone.
         method: name of the method that the network was trained with, for the advice; None if unknown.
         source: where the training rigs come from, in words, for the page.
     """
+    rig = undistorted_rig(rig)
     facts, covered = rig_facts(rig), coverage(rig)
     comparison, pictures = None, []
     if training is not None:

@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Float
 
 from coin3d.geometry import Rig, wrap_angle
+from coin3d.geometry.undistort import undistorted_rig
 from coin3d.rig_report.facts import GROWTH_AT_M
 from coin3d.rig_report.ray_coverage import RayCoverage
 from coin3d.rig_report.row_ranges import (
@@ -149,7 +150,8 @@ class RigDistance:
 
 
 def rig_distance(rig: Rig, training: TrainingRigs) -> RigDistance:
-    """Compare every camera of a rig of pinhole cameras with those of a training."""
+    """Compare every camera of a rig with those of a training; pinhole cameras stand in for those with lenses."""
+    rig = undistorted_rig(rig)
     views = training_views(training)
     mine = {name: network_view(camera, rig.ground, training.size_px) for name, camera in rig.items()}
     recorded = _distances(mine, views.recorded)

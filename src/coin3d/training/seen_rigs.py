@@ -37,8 +37,9 @@ class TrainingRigs:
     """Through which cameras a network saw its training frames.
 
     Args:
-        rigs: distinct rigs as recorded, before the image rule; pinhole cameras. Frames whose cameras differ by less than about
-            0.1 m, 0.5 degrees and 1 % of the focal length share one (more where there would be too many).
+        rigs: distinct rigs as recorded, before the image rule, with pinhole cameras in place of those with lenses.
+            Frames whose cameras differ by less than about 0.1 m, 0.5 degrees and 1 % of the focal length share one (more where
+            there would be too many).
         size_px: (width, height) of the network input.
         focal: zoom of raw images, or None.
         novel_views: ranges from which rigs were drawn for rendered views, and how often; None without such views.
@@ -59,6 +60,7 @@ class TrainingRigs:
     def __post_init__(self) -> None:
         if not self.rigs:
             raise ValueError("there are no training rigs")
+        object.__setattr__(self, "rigs", tuple(map(undistorted_rig, self.rigs)))
         if min(self.size_px) < 1 or max(self.size_px) > _LONGEST_PX:
             raise ValueError(f"a network input has from 1 to {_LONGEST_PX} pixels a side, got {self.size_px}")
         if not 0 <= self.max_rotation_deg <= 180 or not 0 <= self.half_turn_probability <= 1:
@@ -112,9 +114,9 @@ def gather_training_rigs(
     rigs = []
     for recording in recordings:
         count = min(len(recording), FRAMES_LOOKED_AT)
-        rigs += [undistorted_rig(recording[int(i)].rig) for i in np.linspace(0, len(recording) - 1, count).round()]
+        rigs += [recording[int(i)].rig for i in np.linspace(0, len(recording) - 1, count).round()]
     return TrainingRigs(
-        distinct_rigs(rigs),
+        distinct_rigs(list(map(undistorted_rig, rigs))),
         size_px,
         view_augmentation if isinstance(view_augmentation, FocalAugmentation) else None,
         frame_augmentation.options if isinstance(frame_augmentation, NovelViews) else None,
