@@ -21,7 +21,7 @@ def assert_same(read: Frame, truth: Frame, *, metres: float = 1e-6) -> None:
         np.testing.assert_array_equal(read.image(name), truth.image(name))
     assert (read.boxes_world is None) == (truth.boxes_world is None)
     if read.boxes_world is not None and truth.boxes_world is not None:
-        for name in ("labels", "instance_ids", "num_lidar_points"):
+        for name in ("labels", "instance_ids", "num_lidar_points", "visibility"):
             assert getattr(read.boxes_world, name).tolist() == getattr(truth.boxes_world, name).tolist()
         for name in ("centre_m", "size_m", "velocity_mps"):
             np.testing.assert_allclose(getattr(read.boxes_world, name), getattr(truth.boxes_world, name), atol=metres)

@@ -141,6 +141,7 @@ def _annotate(tables: dict[str, list[dict[str, Any]]], sample: str, s: int, k: i
             "translation": car_world(k).tolist(),
             "size": [2.0, 4.0, 1.5],
             "num_lidar_pts": 7,
+            "visibility_token": "3",
             "prev": f"ann_car{s}.{k - 1}" if k else "",
             "next": f"ann_car{s}.{k + 1}" if k < samples - 1 else "",
         }

@@ -22,6 +22,7 @@ from coin3d.commands.re_render import re_render
 from coin3d.commands.render import render
 from coin3d.commands.rig import rig
 from coin3d.commands.rig_import import rig_import
+from coin3d.commands.rig_report import rig_report
 from coin3d.commands.town import town
 from coin3d.commands.train import train
 
@@ -30,6 +31,7 @@ VERBS: dict[str, Callable[..., None]] = {
     "check": check,
     "rig": rig,
     "rig import": rig_import,
+    "rig report": rig_report,
     "detect": detect,
     "convert": convert,
     "town": town,
@@ -57,6 +59,8 @@ See it work (a few minutes on two cores, no download):
 Your own cameras: describe them in rig.yaml beside the images (docs/your_rig.md), look, then detect:
   coin3d check recordings/van --out out/check       rings on the ground must lie on the road
   coin3d rig recordings/van --other nuscenes --out out/rigs
+  coin3d rig report recordings/van --checkpoint runs/mine/model.safetensors --out out/van
+                                                    is this a rig that those weights know?
   coin3d rig import camchain.yaml --base-pose 1.7 0 1.4 0 0 0 --out recordings/van/rig.yaml
   coin3d detect town-coin3d recordings/van --out out/boxes
                                                     the shipped weights know only the town, no real street

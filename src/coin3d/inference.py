@@ -36,7 +36,7 @@ class LoadedDetector:
 
     Args:
         model: the network, in evaluation mode.
-        description: what the checkpoint says of itself: detector, config, classes, method, options, notes.
+        description: what the checkpoint says of itself: detector, config, classes, method, options, notes, training rigs.
         path: where it was loaded from.
         device: where it runs.
         precision: number format of the network.

@@ -57,7 +57,7 @@ def test_decimal_times_unknown_counts_and_several_attributes(tiny_recording: Pat
     edit_table(tiny_recording, "sample_annotation", lambda rows: [row.update(attributes) for row in rows])
     frame = NuScenesRecording(tiny_recording)[0]
     assert frame.timestamp_ns == START_US * 1000 and isinstance(frame.timestamp_ns, int)
-    assert frame.boxes.num_lidar_points.tolist() == [-1, -1]
+    assert frame.boxes.num_lidar_points.tolist() == [-1, -1] and frame.boxes.visibility.tolist() == [0, 0]
     np.testing.assert_allclose(frame.boxes_world.velocity_mps[0], [2.0, 0.0], atol=1e-6)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,6 +63,19 @@ def test_boxes(tiny_recording: Path) -> None:
     assert boxes.instance_ids.tolist() == ["car0", "walker0"]
     assert boxes.num_lidar_points.tolist() == [7, 0]
     np.testing.assert_allclose(boxes.size_m[0], [4.0, 2.0, 1.5])
+
+
+def test_visibility_is_the_level_or_unknown(tiny_recording: Path) -> None:
+    assert NuScenesRecording(tiny_recording)[0].boxes_world.visibility.tolist() == [3, 0]
+
+    def judge(rows: list[dict[str, Any]]) -> None:
+        tokens = {"ann_car0.0": "4", "ann_walker0": "1", "ann_car0.1": "", "ann_car0.2": None, "ann_car1.0": "half"}
+        for row in rows:
+            row["visibility_token"] = tokens.get(row["token"], "2")
+
+    edit_table(tiny_recording, "sample_annotation", judge)
+    levels = [frame.boxes.visibility.tolist() for frame in NuScenesRecording(tiny_recording)]
+    assert levels == [[4, 1], [0], [0], [0, 2], [2], [2]]
 
 
 def test_velocity_is_centred_one_sided_at_the_ends_and_unknown_for_single_boxes(tiny_recording: Path) -> None:

@@ -73,9 +73,10 @@ def test_boxes_in_three_frames_are_the_same_box(tmp_path: Path) -> None:
 
 
 def test_what_a_box_may_say_and_what_is_unknown_otherwise(tmp_path: Path) -> None:
-    full = {**CAR, "num_lidar_points": 0, "track": "t7", "velocity_mps": [1.0, -2.0]}
+    full = {**CAR, "num_lidar_points": 0, "track": "t7", "velocity_mps": [1.0, -2.0], "visibility": 3}
     boxes = OwnRecording(write_folder(tmp_path, line(boxes_ego=[full, CAR])))[0].boxes
     assert boxes is not None
+    assert boxes.visibility.tolist() == [3, 0]
     assert boxes.num_lidar_points.tolist() == [0, -1] and boxes.instance_ids.tolist() == ["t7", ""]
     np.testing.assert_allclose(boxes.velocity_mps[0], [1.0, -2.0])
     assert np.isnan(boxes.velocity_mps[1]).all() and boxes.labels.tolist() == ["car", "car"]
@@ -208,6 +209,8 @@ BAD_CONTENT: list[tuple[dict[str, Any], str]] = [
     ({"boxes_ego": [{**CAR, "centre_m": [True, 2, 3]}]}, "centre_m: a number is expected, got True"),
     ({"boxes_ego": [{**CAR, "num_lidar_points": -2}]}, "num_lidar_points: a whole number from -1"),
     ({"boxes_ego": [{**CAR, "num_lidar_points": 10**30}]}, "num_lidar_points: a whole number"),
+    ({"boxes_ego": [{**CAR, "visibility": 5}]}, "visibility: a whole number from 0 to 4"),
+    ({"boxes_ego": [{**CAR, "visibility": "4"}]}, "visibility: a whole number from 0 to 4"),
     ({"boxes_ego": [], "boxes_world": []}, "boxes_ego and boxes_world say the same thing"),
     ({"lidar": {"path": "a.bin"}}, "lidar: 'vehicle_from_lidar' is missing"),
     ({"lidar": {"path": "a.bin", "vehicle_from_lidar": QUARTER_TURN}}, "'columns' names the numbers of a point"),

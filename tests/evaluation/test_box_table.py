@@ -57,6 +57,7 @@ def test_boxes_come_back_as_they_went_in():
         ({"label": np.array([0, 0, 1])}, r"labels are -1 \.\. 0"),
         ({"score": np.ones(2)}, "score of shape"),
         ({"num_lidar_points": np.ones(2, dtype=int)}, "num_lidar_points"),
+        ({"visibility": np.ones(2, dtype=int)}, "2 rows of visibility"),
     ],
 )
 def test_columns_that_do_not_fit_are_refused(change, message):

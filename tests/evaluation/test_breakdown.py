@@ -7,7 +7,7 @@ import pytest
 from box_tables import random_detections, random_truth
 
 from coin3d.evaluation import Protocol, evaluate, match, prediction_table, truth_table
-from coin3d.evaluation.breakdown import by_camera, by_length, by_lidar_points, by_range
+from coin3d.evaluation.breakdown import by_camera, by_length, by_lidar_points, by_range, by_visibility
 from coin3d.geometry import Boxes3D, Camera, Rig, camera_pose
 
 CARS = Protocol(name="cars", classes=("car",))
@@ -15,11 +15,12 @@ HALF_RECALL = 40 / 90
 """AP of two objects of which one is found, without a false positive."""
 
 
-def cars(xs, *, scores=None, length=4.0, points=None) -> Boxes3D:
+def cars(xs, *, scores=None, length=4.0, points=None, visibility=None) -> Boxes3D:
     n = len(xs)
     sizes = np.column_stack([np.broadcast_to(length, n), np.full((n, 2), 1.8)])
     centre = np.column_stack([xs, np.zeros(n), np.ones(n)])
-    return Boxes3D.create(centre, sizes, np.zeros(n), ["car"] * n, scores=scores, num_lidar_points=points)
+    kinds = {"scores": scores, "num_lidar_points": points, "visibility": visibility}
+    return Boxes3D.create(centre, sizes, np.zeros(n), ["car"] * n, **kinds)
 
 
 def matches_of(truth: Boxes3D, found: Boxes3D):
@@ -91,6 +92,19 @@ def test_length_and_lidar_points_have_recall_alone():
     assert len({len(line) for line in lines}) == 1 and lines[0].startswith("by LiDAR points") and " - " in lines[1]
 
 
+def test_visibility_has_recall_alone():
+    """Hidden cars are missed; the mistake at 25 m belongs to no group."""
+    truth = cars([10, 20, 30, 40, 45], visibility=[4, 1, 1, 0, 3])
+    parts = by_visibility(matches_of(truth, cars([10, 30, 25, 45.5], scores=[0.9, 0.8, 0.99, 0.5])))
+    assert {g: (m["car"].num_truth, m["car"].recall) for g, m in parts.groups.items()} == {
+        "unknown": (1, 0), "0 - 40 %": (2, 0.5), "60 - 80 %": (1, 1), "80 - 100 %": (1, 1)
+    }  # fmt: skip
+    assert all(m["car"].ap is None for m in parts.groups.values())
+    assert parts.groups["60 - 80 %"]["car"].ate == pytest.approx(0.5) and parts.table().startswith("by visibility")
+    kept = truth_table({"a": truth}, CARS)
+    assert kept.boxes_of("a").visibility.tolist() == [4, 1, 1, 0, 3]
+
+
 def test_one_group_with_everything_is_the_whole():
     rng = np.random.default_rng(0)
     truth = random_truth(rng, 40, 10)
@@ -110,5 +124,5 @@ def test_one_group_with_everything_is_the_whole():
         ours = classes[name]
         assert (ours.ap, ours.ate, ours.ase, ours.aoe) == pytest.approx((expected.ap, expected.ate, expected.ase, expected.aoe))
         assert ours.num_truth == expected.num_truth
-    for parts in (by_length(matches), by_lidar_points(matches)):
+    for parts in (by_length(matches), by_lidar_points(matches), by_visibility(matches)):
         assert sum(g["car"].num_truth for g in parts.groups.values() if "car" in g) == metrics.classes["car"].num_truth

@@ -45,7 +45,7 @@ def test_a_perfect_file(two_streets, tmp_path, capsys):
     assert (row["detector"], row["method"], row["target"]) == ("mine", "", two_streets.name)
     assert row["mAP"] == pytest.approx(1) and row["mATE"] == pytest.approx(0, abs=1e-6) and row["truth_boxes"] == 6
     assert row["intervals"]["mAP"] == pytest.approx([1, 1]) and row["intervals"]["scenes"] == 2
-    assert set(row["breakdown"]) == {"range", "camera", "length", "LiDAR points"}
+    assert set(row["breakdown"]) == {"range", "camera", "length", "LiDAR points", "visibility"}
     assert row["breakdown"]["range"]["0 - 20 m"]["car"]["num_truth"] == 6
     assert row["breakdown"]["camera"]["CAM_FRONT"]["car"]["ap"] == pytest.approx(1)
     told = capsys.readouterr().out

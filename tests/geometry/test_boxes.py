@@ -85,6 +85,21 @@ def test_rows_and_defaults() -> None:
     assert boxes.with_labels(["x", "y", "a longer name"]).labels.tolist() == ["x", "y", "a longer name"]
 
 
+def test_visibility_goes_where_the_boxes_go() -> None:
+    boxes = Boxes3D.create(np.eye(3), np.ones((3, 3)), [0, 1, 2], ["a", "b", "c"], visibility=[4, 0, 1])
+    assert one().visibility.tolist() == [0]
+    assert boxes[np.array([2, 0])].visibility.tolist() == [1, 4] and boxes[boxes.visibility > 0].labels.tolist() == ["a", "c"]
+    assert boxes.transformed(Pose.from_euler(1, 0.1, 0, (1, 2, 3))).visibility.tolist() == [4, 0, 1]
+    assert boxes.with_labels(["x", "y", "z"]).visibility.tolist() == [4, 0, 1]
+    assert Boxes3D.concatenate([one(), boxes]).visibility.tolist() == [0, 4, 0, 1]
+
+
+@pytest.mark.parametrize("level", [-1, 5, 300])
+def test_a_visibility_that_is_no_level(level: int) -> None:
+    with pytest.raises(ValueError, match=f"box 1 has the visibility {level}: levels are 1 to 4, and 0 where it is unknown"):
+        Boxes3D.create(np.zeros((2, 3)), np.ones((2, 3)), [0, 0], ["a", "b"], visibility=[1, level])
+
+
 def test_empty_tables() -> None:
     empty = Boxes3D.empty()
     assert len(empty) == 0 and empty.corners().shape == (0, 8, 3) and empty.contains(np.zeros((5, 3))).shape == (0, 5)

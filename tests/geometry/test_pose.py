@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coin3d.geometry import Pose, camera_pose
+from coin3d.geometry.pose import headings
 
 angle = st.floats(-np.pi, np.pi)
 metres = st.tuples(*[st.floats(-50, 50)] * 3)
@@ -103,3 +104,18 @@ def test_bad_matrices_and_quaternions() -> None:
         Pose.from_matrix(Pose.from_euler(0, 0, 0, (1, 2, 3)).matrix.T)
     with pytest.raises(ValueError, match="length 1"):
         Pose.from_quaternion((1, 1, 0, 0), (0, 0, 0))
+
+
+@given(st.lists(poses, min_size=1, max_size=5), st.floats(0.995, 1.005))
+def test_headings_of_many_are_those_of_each(many: list[Pose], length: float) -> None:
+    quaternions = length * np.stack([pose.quaternion for pose in many])
+    expected = [Pose.from_quaternion(q, (0, 0, 0)).yaw_rad for q in quaternions]
+    turned = np.stack([np.cos(expected), np.sin(expected)])
+    found = headings(quaternions)
+    np.testing.assert_allclose([np.cos(found), np.sin(found)], turned, atol=1e-9)
+
+
+def test_headings_want_quaternions_of_length_one() -> None:
+    for wrong in ([2.0, 0, 0, 0], [np.nan, 0, 0, 1], [0.0, 0, 0, 0]):
+        with pytest.raises(ValueError, match="length 1"):
+            headings(np.array([[1.0, 0, 0, 0], wrong]))

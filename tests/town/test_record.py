@@ -64,6 +64,12 @@ def test_counts_of_points_are_exact(recording: Path) -> None:
         assert (frame.boxes_world.num_lidar_points > 5).sum() >= 3
 
 
+def test_visibility_is_read_back(recording: Path) -> None:
+    levels = np.concatenate([frame.boxes.visibility for frame in NuScenesRecording(recording)])
+    written = [int(row["visibility_token"]) for row in _table(recording, "sample_annotation")]
+    assert sorted(levels.tolist()) == sorted(written) and {1, 4} <= set(written)
+
+
 def test_calibration_survives_the_change_of_pixel_origin(recording: Path, two_cameras: Rig) -> None:
     rig = NuScenesRecording(recording)[0].rig
     for name, camera in two_cameras.items():

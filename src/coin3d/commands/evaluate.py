@@ -62,7 +62,7 @@ def evaluate(
         setting: a comparison of the paper, which sets split, classes and rules; coin3d protocols prints them.
         split: score these scenes: a split of nuScenes, Lyft or DDAD (val), or a text file with scene names.
         frames: score this many frames, evenly spread; 0 means all.
-        breakdown: also by range, camera, length and LiDAR points (docs/evaluation.md).
+        breakdown: also by range, camera, length, LiDAR points and visibility (docs/evaluation.md).
         intervals: also 95 % intervals, from scenes drawn at random.
         pictures: draw this many of the frames; 0 means all.
         min_score: draw predictions with at least this score; the metrics use all.

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tyro.conf import Positional, arg
-
-if TYPE_CHECKING:
-    from coin3d.geometry import Rig
 
 
 def rig(
@@ -32,17 +29,11 @@ def rig(
         other: a second rig, to compare with.
     """
     from coin3d.commands.outcome import RESULT_FILE
+    from coin3d.commands.rig_report import find_any_rig
     from coin3d.rig_report import compare_rigs, show_rig
 
-    first = _find(rig)
-    print(show_rig(first, out) if other is None else compare_rigs(first, _find(other), out))
+    first = find_any_rig(rig)
+    print(show_rig(first, out) if other is None else compare_rigs(first, find_any_rig(other), out))
     for picture in json.loads((out / RESULT_FILE).read_text(encoding="utf-8"))["pictures"]:
         print(f"picture: {out / picture}")
     print(f"result:  {out / RESULT_FILE}")
-
-
-def _find(name: str) -> Rig:
-    from coin3d.datasets.open import open_recording
-    from coin3d.rig_report import find_rig
-
-    return open_recording(name)[0].rig if Path(name).is_dir() else find_rig(name)

@@ -225,6 +225,7 @@ def _boxes_world(scene: DgpScene, place: int) -> Boxes3D | None:
         velocity_mps=np.array(velocity).reshape(-1, 2),
         instance_ids=boxes.instance_ids,
         num_lidar_points=boxes.num_lidar_points,
+        visibility=boxes.visibility,
     )
 
 

@@ -178,5 +178,7 @@ def _boxes(boxes: Boxes3D) -> list[dict[str, Any]]:
             row["track"] = str(boxes.instance_ids[i])
         if np.isfinite(boxes.velocity_mps[i]).all():
             row["velocity_mps"] = boxes.velocity_mps[i].tolist()
+        if boxes.visibility[i]:
+            row["visibility"] = int(boxes.visibility[i])
         rows.append(row)
     return rows

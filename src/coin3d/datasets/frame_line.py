@@ -12,13 +12,13 @@ from coin3d.datasets.frames_file import BOXES, POSES
 from coin3d.datasets.inside import inside
 from coin3d.datasets.json_values import known_keys, number, numbers, one_of, pose, shown, text, whole
 from coin3d.datasets.point_file import PointFile
-from coin3d.geometry import Boxes3D, Pose, Rig
+from coin3d.geometry import VISIBILITY_PERCENT, Boxes3D, Pose, Rig
 
 _IMAGE_KEYS = ("path", *POSES)
 _LIDAR_KEYS = ("path", "columns", "vehicle_from_lidar")
 _YAWS = ("yaw_rad", "yaw_deg", "quaternion_wxyz")
 _SIZE = ("length_m", "width_m", "height_m")
-_BOX_KEYS = ("category", "centre_m", *_SIZE, *_YAWS, "num_lidar_points", "track", "velocity_mps")
+_BOX_KEYS = ("category", "centre_m", *_SIZE, *_YAWS, "num_lidar_points", "track", "velocity_mps", "visibility")
 
 
 def world_from_ego(entry: Mapping[str, Any], rig: Rig, where: str) -> Pose | None:
@@ -130,6 +130,7 @@ def _box(said: Any, where: str) -> dict[str, Any]:
         "velocity_mps": numbers(box["velocity_mps"], 2, f"{where}: velocity_mps") if "velocity_mps" in box else unknown,
         "instance_ids": text(box["track"], f"{where}: track") if "track" in box else "",
         "num_lidar_points": whole(box.get("num_lidar_points", -1), f"{where}: num_lidar_points", -1),
+        "visibility": whole(box.get("visibility", 0), f"{where}: visibility", 0, len(VISIBILITY_PERCENT) - 1),
     }
 
 

@@ -22,8 +22,10 @@ from coin3d.datasets.own_vehicle import own_vehicle_masks
 from coin3d.datasets.splits import SplitChoice, chosen_scenes
 from coin3d.datasets.table_progress import to_stderr
 from coin3d.geometry import Boxes3D, Camera, Pose, Rig
+from coin3d.geometry.pose import headings
 
 _MOST_PIXELS = 1 << 16
+_VISIBILITY_TOKENS = {"1": 1, "2": 2, "3": 3, "4": 4}  # Lyft has ""
 # nuScenes and Lyft calibrate with OpenCV, whose first pixel has its centre at 0
 _OPENCV_PIXEL_SHIFT = 0.5
 
@@ -192,19 +194,19 @@ class NuScenesRecording:
             return None
         if not rows:
             return Boxes3D.empty()
-        poses = [_pose(table, row) for row in rows]
+        centres_m, sizes_m, yaws_rad = _placed(table, rows)
         try:
             if problem := next((v for v in velocities if isinstance(v, str)), None):
                 raise ValueError(problem)
-            width_length_height = np.stack([_size(table, row) for row in rows])
             return Boxes3D.create(
-                np.stack([pose.translation for pose in poses]),
-                width_length_height[:, [1, 0, 2]],
-                np.array([pose.yaw_rad for pose in poses]),
+                centres_m,
+                sizes_m[:, [1, 0, 2]],  # width, length, height in the file
+                yaws_rad,
                 [row["category"] for row in rows],
                 velocity_mps=[(np.nan, np.nan) if v is None else v for v in velocities],
                 instance_ids=[row["instance_token"] for row in rows],
                 num_lidar_points=[_point_count(table, row) for row in rows],
+                visibility=[_VISIBILITY_TOKENS.get(str(row.get("visibility_token")), 0) for row in rows],
             )
         except ValueError as error:
             raise ValueError(f"{table}: annotations of sample '{sample_token}': {error}") from error
@@ -218,6 +220,21 @@ def _pixels(path: Path, row: Row, side: str) -> int:
             path, row, f"has the {side} {shown(found)}, which should be a whole number of pixels up to {_MOST_PIXELS}"
         )
     return int(found)
+
+
+def _placed(path: Path, rows: list[Row]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+    """Centres, sizes as in the file, and headings of annotations.
+
+    All at once: a ``Pose`` of each takes half the time of a frame.
+    """
+    try:
+        columns = [numbers([value(path, row, field) for row in rows]) for field in ("translation", "size", "rotation")]
+        if [c.shape for c in columns] == [(len(rows), 3), (len(rows), 3), (len(rows), 4)] and np.isfinite(columns[0]).all():
+            return columns[0], columns[1], headings(columns[2])
+    except ValueError:
+        pass  # one by one, the row that makes no sense is found
+    poses, sizes_m = [_pose(path, row) for row in rows], [_size(path, row) for row in rows]
+    return np.stack([p.translation for p in poses]), np.stack(sizes_m), np.array([p.yaw_rad for p in poses])
 
 
 def _size(path: Path, row: Row) -> Float[np.ndarray, "3"]:

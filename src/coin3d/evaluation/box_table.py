@@ -30,6 +30,7 @@ class BoxTable:
         yaw_rad: (N,) heading about +z from +x.
         score: (N,) confidence in [0, 1]; ones for ground truth.
         num_lidar_points: (N,) points inside as annotated, -1 where unknown; None where nobody counted.
+        visibility: (N,) levels as annotated (``Boxes3D.visibility``), 0 where unknown; None where nobody judged.
 
     Raises:
         ValueError: columns that do not match, a number that is not finite, or a size that is not positive; the message
@@ -45,6 +46,7 @@ class BoxTable:
     yaw_rad: Float[np.ndarray, "n"]
     score: Float[np.ndarray, "n"]
     num_lidar_points: Int[np.ndarray, "n"] | None = None
+    visibility: Int[np.ndarray, "n"] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tokens", tuple(self.tokens))
@@ -76,8 +78,10 @@ class BoxTable:
                 f"sample '{self.token_of(row)}' has a box of size {self.size_m[row].tolist()}: "
                 "length, width, height are positive metres"
             )
-        if self.num_lidar_points is not None and self.num_lidar_points.shape != (n,):
-            raise ValueError(f"a table of {n} boxes has {len(self.num_lidar_points)} rows of num_lidar_points")
+        for name in ("num_lidar_points", "visibility"):
+            known = getattr(self, name)
+            if known is not None and known.shape != (n,):
+                raise ValueError(f"a table of {n} boxes has {len(known)} rows of {name}")
 
     @classmethod
     def from_boxes(cls, boxes: Mapping[str, Boxes3D], classes: tuple[str, ...]) -> BoxTable:
@@ -97,6 +101,7 @@ class BoxTable:
             stacked.yaw_rad,
             stacked.scores,
             stacked.num_lidar_points,
+            stacked.visibility.astype(np.int8),
         )
 
     def __len__(self) -> int:
@@ -128,6 +133,7 @@ class BoxTable:
             [self.classes[label] for label in self.label[rows]],
             scores=self.score[rows],
             num_lidar_points=None if self.num_lidar_points is None else self.num_lidar_points[rows],
+            visibility=None if self.visibility is None else self.visibility[rows],
         )
 
     def only(self, counts: Bool[np.ndarray, "n"]) -> BoxTable:

@@ -1,12 +1,13 @@
-"""The metric of parts of the data: by range, camera, length, LiDAR points.
+"""The metric of parts of the data: by range, camera, length, LiDAR points, visibility.
 
 Matching is done once, on everything; a breakdown only sorts its outcome into groups.
 
 * A hit belongs to the group of its object, wherever the detection lies.
 * A false positive belongs to the group of its own place. That needs a property that a wrong detection has as well: range and
   camera are such, and give AP.
-* Length and LiDAR points are properties of annotated objects alone (a wrong length is an error, and nobody counts points in
-  boxes that are not there): false positives have no group, and there is recall and no AP.
+* Length, LiDAR points and visibility are properties of annotated objects alone (a wrong length is an error, and nobody counts
+  points in boxes that are not there or judges how much of them is hidden): false positives have no group, and there is recall
+  and no AP.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from coin3d.evaluation.box_table import BoxTable
 from coin3d.evaluation.curves import RankedClass, average_precision, mean_errors
 from coin3d.evaluation.matching import Matches
 from coin3d.evaluation.visibility import seen_by_camera
-from coin3d.geometry import Rig
+from coin3d.geometry import VISIBILITY_PERCENT, Rig
 
 RANGE_EDGES_M = (0.0, 20.0, 35.0, np.inf)
 LENGTH_EDGES_M = (0.0, 2.0, 4.0, 5.0, 8.0, np.inf)
@@ -82,7 +83,13 @@ class Breakdown:
 
 def breakdowns(matches: Matches, rigs: Mapping[str, Rig]) -> list[Breakdown]:
     """All of them."""
-    return [by_range(matches), by_camera(matches, rigs), by_length(matches), by_lidar_points(matches)]
+    return [
+        by_range(matches),
+        by_camera(matches, rigs),
+        by_length(matches),
+        by_lidar_points(matches),
+        by_visibility(matches),
+    ]
 
 
 def by_range(matches: Matches) -> Breakdown:
@@ -118,6 +125,14 @@ def by_lidar_points(matches: Matches) -> Breakdown:
     known = np.full(len(matches.truth), -1) if points is None else points
     groups, objects = _between(known, LIDAR_EDGES, _counts)
     return _break_down(matches, "LiDAR points", ["unknown", *groups], [known < 0, *objects])
+
+
+def by_visibility(matches: Matches) -> Breakdown:
+    """By annotated visible share of the object; recall and no AP."""
+    level = matches.truth.visibility
+    known = np.zeros(len(matches.truth), dtype=np.int8) if level is None else level
+    groups = ["unknown", *(f"{low} - {high} %" for low, high in pairwise(VISIBILITY_PERCENT))]
+    return _break_down(matches, "visibility", groups, [known == k for k in range(len(groups))])
 
 
 def _break_down(

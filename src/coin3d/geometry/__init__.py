@@ -1,6 +1,6 @@
 """Poses, cameras, rigs, boxes: pure numpy, no files, no learning. Conventions: docs/conventions.md."""
 
-from coin3d.geometry.boxes import Boxes3D, wrap_angle
+from coin3d.geometry.boxes import VISIBILITY_PERCENT, Boxes3D, wrap_angle
 from coin3d.geometry.camera import MIN_DEPTH_M, Camera
 from coin3d.geometry.ground import GroundPlane
 from coin3d.geometry.image_transform import ImageTransform, fit_width
@@ -15,6 +15,7 @@ from coin3d.geometry.rig_presets import RIG_PRESETS, preset_rig
 __all__ = [
     "MIN_DEPTH_M",
     "RIG_PRESETS",
+    "VISIBILITY_PERCENT",
     "Boxes3D",
     "BrownConrady",
     "Camera",

@@ -18,6 +18,10 @@ _CORNER_SIGNS = np.array(
 )
 
 
+VISIBILITY_PERCENT = (0, 40, 60, 80, 100)
+"""Visibility level k stands for a visible share from entry k - 1 to entry k (the levels of nuScenes)."""
+
+
 def wrap_angle(angle_rad: ArrayLike) -> Float[np.ndarray, "..."]:
     """Angle in (-pi, pi]."""
     a = np.asarray(angle_rad, dtype=np.float64)
@@ -37,9 +41,12 @@ class Boxes3D:
         velocity_mps: (N, 2) in the xy plane; NaN where unknown.
         instance_ids: (N,) names that persist through a sequence; "" where unknown.
         num_lidar_points: (N,) points inside as annotated; -1 where unknown.
+        visibility: (N,) how much of the object the cameras of its recording saw, as annotated: levels 1 to 4 of
+            ``VISIBILITY_PERCENT``; 0 where unknown.
 
     Raises:
-        ValueError: rows that do not match, a number that is not finite, or a size that is not positive.
+        ValueError: rows that do not match, a number that is not finite, a size that is not positive, or a visibility that
+            is no level.
     """
 
     centre_m: Float[np.ndarray, "n 3"]
@@ -50,6 +57,7 @@ class Boxes3D:
     velocity_mps: Float[np.ndarray, "n 2"]
     instance_ids: Shaped[np.ndarray, "n"]
     num_lidar_points: Int[np.ndarray, "n"]
+    visibility: Int[np.ndarray, "n"]
 
     @classmethod
     def create(
@@ -63,6 +71,7 @@ class Boxes3D:
         velocity_mps: ArrayLike | None = None,
         instance_ids: Sequence[str] | Shaped[np.ndarray, "n"] | None = None,
         num_lidar_points: ArrayLike | None = None,
+        visibility: ArrayLike | None = None,
     ) -> Boxes3D:
         """Build a table from whatever is known; the rest is filled with the documented 'unknown'."""
         centre = np.asarray(centre_m, dtype=np.float64).reshape(-1, 3)
@@ -78,6 +87,7 @@ class Boxes3D:
             np.full(n, -1, dtype=np.int64)
             if num_lidar_points is None
             else np.asarray(num_lidar_points, dtype=np.int64).reshape(-1),
+            np.zeros(n, dtype=np.int64) if visibility is None else np.asarray(visibility, dtype=np.int64).reshape(-1),
         )
 
     @classmethod
@@ -105,6 +115,12 @@ class Boxes3D:
         if n and (self.size_m <= 0).any():
             row = int(np.argmax((self.size_m <= 0).any(1)))
             raise ValueError(f"box {row} has the size {self.size_m[row].tolist()}: length, width, height are positive metres")
+        levels = len(VISIBILITY_PERCENT) - 1
+        if n and not 0 <= self.visibility.min() <= self.visibility.max() <= levels:
+            row = int(np.argmax((self.visibility < 0) | (self.visibility > levels)))
+            raise ValueError(
+                f"box {row} has the visibility {self.visibility[row]}: levels are 1 to {levels}, and 0 where it is unknown"
+            )
 
     def __len__(self) -> int:
         return len(self.centre_m)

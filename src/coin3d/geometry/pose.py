@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 # JSON calibrations carry about seven digits; anything farther from orthonormal is not a rotation.
 _ORTHONORMAL_TOLERANCE = 1e-3
 _AS_GOOD_AS_IT_GETS = 1e-14
+_LENGTH_TOLERANCE = 1e-2
 _IDENTITY = np.eye(3)
 
 
@@ -76,7 +77,7 @@ class Pose:
     def from_quaternion(cls, wxyz: ArrayLike, translation: ArrayLike) -> Pose:
         """From a unit quaternion in (w, x, y, z) order, as nuScenes and Lyft store it."""
         q = np.asarray(wxyz, dtype=np.float64)
-        if q.shape != (4,) or not np.isfinite(q).all() or abs(np.linalg.norm(q) - 1) > 1e-2:
+        if q.shape != (4,) or not np.isfinite(q).all() or abs(np.linalg.norm(q) - 1) > _LENGTH_TOLERANCE:
             raise ValueError(f"a rotation quaternion (w, x, y, z) has length 1, got {q.tolist()}")
         rotation = Rotation.from_quat(q[[1, 2, 3, 0]]).as_matrix()
         return cls(rotation, np.asarray(translation, dtype=np.float64))
@@ -153,3 +154,16 @@ def _determinant(m: Float[np.ndarray, "3 3"]) -> float:
     """Of poses there are dozens per frame, and this is ten times as fast as NumPy's for any size."""
     (a, b, c), (d, e, f), (g, h, i) = m.tolist()
     return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+
+
+def headings(wxyz: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n"]:
+    """``Pose.from_quaternion(q, ...).yaw_rad`` of many quaternions (w, x, y, z).
+
+    Raises:
+        ValueError: one that is not of length 1.
+    """
+    length = np.linalg.norm(wxyz, axis=1, keepdims=True)
+    if not (np.abs(length - 1) <= _LENGTH_TOLERANCE).all():
+        raise ValueError("rotation quaternions (w, x, y, z) have length 1")
+    w, x, y, z = (wxyz / length).T
+    return np.asarray(np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)))

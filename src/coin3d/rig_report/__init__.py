@@ -1,4 +1,4 @@
-"""``coin3d rig``: one rig in numbers and pictures, or two rigs compared."""
+"""``coin3d rig``: one rig in numbers and pictures, two rigs compared, or a rig against those of a training."""
 
 from __future__ import annotations
 
@@ -9,22 +9,38 @@ from typing import Any
 from coin3d.geometry import RIG_PRESETS, Rig, load_rig, preset_rig
 from coin3d.geometry.undistort import undistorted_rig
 from coin3d.records import to_plain, write_bytes, write_json
+from coin3d.rig_report.coverage import Coverage, coverage
 from coin3d.rig_report.facts import CameraFacts, CameraPair, RigDifference, RigFacts, rig_difference, rig_facts
 from coin3d.rig_report.figures import figure_png, ground_growth_figure, top_view_figure
 from coin3d.rig_report.map_figure import prior_maps_figure
+from coin3d.rig_report.page import Comparison, RigReport, write_rig_report
+from coin3d.rig_report.prior_distance import CameraDistance, RigDistance, Span, rig_distance
 from coin3d.rig_report.ring import pluecker_ring_figure
 from coin3d.rig_report.text import difference_text, rig_table
+from coin3d.rig_report.verdict import Verdict, advice, verdicts
 
 __all__ = [
+    "CameraDistance",
     "CameraFacts",
     "CameraPair",
+    "Comparison",
+    "Coverage",
     "RigDifference",
+    "RigDistance",
     "RigFacts",
+    "RigReport",
+    "Span",
+    "Verdict",
+    "advice",
     "compare_rigs",
+    "coverage",
     "find_rig",
     "rig_difference",
+    "rig_distance",
     "rig_facts",
     "show_rig",
+    "verdicts",
+    "write_rig_report",
 ]
 
 _PICTURES = {

@@ -66,7 +66,7 @@ def _draw_panorama(axes: Axes, rig: Rig, picture: Float[np.ndarray, "h w 3"]) ->
     extent = (180.0, -180.0, -_ELEVATION_DEG, _ELEVATION_DEG)
     axes.imshow(picture, extent=extent, aspect="auto", interpolation="nearest")
     for name, camera in rig.items():
-        azimuth, elevation = _border(camera)
+        azimuth, elevation = border_degrees(camera)
         # a border that crosses the seam behind the vehicle is drawn on both sides of it
         for turn in (-360, 0, 360):
             axes.plot(azimuth + turn, elevation, color="black", linewidth=0.9)
@@ -78,7 +78,7 @@ def _draw_panorama(axes: Axes, rig: Rig, picture: Float[np.ndarray, "h w 3"]) ->
     axes.set(ylim=(-_ELEVATION_DEG, _ELEVATION_DEG), yticks=(-30, 0, 30), ylabel="elevation")
 
 
-def _border(camera: Camera) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+def border_degrees(camera: Camera) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
     """Azimuth (unwrapped) and elevation of the image border in degrees."""
     share = np.linspace(0, 1, 60)
     zero, one = np.zeros_like(share), np.ones_like(share)

@@ -25,8 +25,9 @@ from coin3d.datasets.frames_before import FramesBefore
 from coin3d.detectors.inputs import Sample, lidar_depth, with_earlier
 from coin3d.geometry import Boxes3D, Camera, GroundPlane, Pose, Rig, fit_width
 
-_BEHIND_M = np.array([-50.0, 0.0, 1.0])
-_HALF_TURN = Pose.from_euler(np.pi, 0.0, 0.0, np.zeros(3))
+BEHIND_M = np.array([-50.0, 0.0, 1.0])
+"""A rig that does not see this point (ego frame) does not see behind."""
+HALF_TURN = Pose.from_euler(np.pi, 0.0, 0.0, np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -131,8 +132,8 @@ class TrainingSamples(torch.utils.data.Dataset[Sample]):
         return with_earlier(sample, _turned_frame(frame, turn), [_turned_frame(f, turn) for f in earlier], before)
 
     def _turn(self, rig: Rig, rng: np.random.Generator) -> Pose:
-        sees_behind = bool(rig.sees(_BEHIND_M))
-        return Pose.identity() if sees_behind or rng.random() >= self.augment.half_turn_probability else _HALF_TURN
+        sees_behind = bool(rig.sees(BEHIND_M))
+        return Pose.identity() if sees_behind or rng.random() >= self.augment.half_turn_probability else HALF_TURN
 
     def _unlabelled(self, frame: Frame, bev_from_ego: Float[np.ndarray, "3 3"], turn: Pose, rng: np.random.Generator) -> Sample:
         views = self._views(frame, rng)

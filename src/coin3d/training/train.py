@@ -21,6 +21,7 @@ from coin3d.training.loop import LOG_FILE, WEIGHTS_FILE, fit
 from coin3d.training.options import TrainOptions
 from coin3d.training.run_dir import environment, fingerprint, git_state
 from coin3d.training.samples import TrainingSamples
+from coin3d.training.seen_rigs import DESCRIPTION_KEY, gather_training_rigs
 
 RUN_FILE = "run.json"
 
@@ -100,12 +101,14 @@ def train(
         config.frames,
     )
     samples[0]  # data that cannot be trained on should show before anything is written
+    rigs = gather_training_rigs(recordings, size, options.augment, view_augmentation, frame_augmentation)
     _claim(out, settings, data)
     if (out / WEIGHTS_FILE).is_file():
         progress(f"{out / WEIGHTS_FILE} is finished; choose an empty folder to train again")
         return out / WEIGHTS_FILE
     notes = f"trained on {', '.join(Path(p).name for p in data)} for {options.steps} steps"
     description = describe(detector, config, class_map.classes, method, method_options, notes)
+    description[DESCRIPTION_KEY] = rigs.plain()
     fit(model, samples, options, out, description, device=device, progress=progress)
     draw_curves(out / LOG_FILE, out / "curves.png")
     return out / WEIGHTS_FILE
