@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coin3d.datasets.classes import MERGED_CAR, THREE_CLASS
 from coin3d.datasets import json_stream
+from coin3d.datasets.classes import MERGED_CAR, THREE_CLASS
 from coin3d.datasets.json_stream import JsonStream
 from coin3d.evaluation.results_json import read_results, write_results
 from coin3d.geometry import Boxes3D, Pose
