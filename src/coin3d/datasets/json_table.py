@@ -119,7 +119,7 @@ def microseconds(path: Path, row: Row) -> int | float:
 def flag(path: Path, row: Row, field: str) -> bool:
     """A field that is true or false."""
     found = row[field] if field in row else value(path, row, field)
-    if found is not True and found is not False and (not isinstance(found, int) or found not in (0, 1)):
+    if not isinstance(found, int) or found not in (0, 1):
         raise refused(path, row, f"has the {field} {shown(found)}, which should be true or false")
     return bool(found)
 
