@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from coin3d.datasets.record_file import RecordFile
 from recording_content import content
 
 from coin3d.datasets import nuscenes_index, nuscenes_join, table_progress
 from coin3d.datasets.nuscenes_format import NuScenesRecording
 from coin3d.datasets.nuscenes_tables import TABLES
+from coin3d.datasets.record_file import RecordFile
 from tiny_recording import edit_table
 
 Rows = list[dict[str, Any]]
