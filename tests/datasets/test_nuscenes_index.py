@@ -17,6 +17,7 @@ from recording_content import content
 from coin3d.datasets import nuscenes_index, nuscenes_join, table_progress
 from coin3d.datasets.nuscenes_format import NuScenesRecording
 from coin3d.datasets.nuscenes_tables import TABLES
+from coin3d.datasets.record_file import RecordFile
 from tiny_recording import edit_table
 
 Rows = list[dict[str, Any]]
@@ -119,7 +120,7 @@ def test_an_index_that_is_harmed_while_it_is_in_use(root: Path, made: list[Path]
     truth = content(recording)
     data = bytearray(index_of(root).read_bytes())
     if harm == "flip":
-        data[len(data) // 3] ^= 4
+        data[int(RecordFile.open(index_of(root)).starts[6]) + 15] ^= 4  # behind the ten bytes that begin a record
     if harm == "delete":
         index_of(root).unlink()
     else:

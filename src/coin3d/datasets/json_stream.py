@@ -58,6 +58,9 @@ class JsonStream:
             return
         while True:
             yield self.value()
+            if self._text.startswith(",", self._at):  # by far the most frequent, and there may be millions
+                self._at += 1
+                continue
             if self.peek() == "]":
                 self._at += 1
                 return
@@ -91,10 +94,12 @@ class JsonStream:
     def peek(self) -> str:
         """The next character that is not a space, "" at the end of the file."""
         while True:
-            while self._at < len(self._text):
-                if self._text[self._at] not in _SPACE:
-                    return self._text[self._at]
-                self._at += 1
+            text, at, end = self._text, self._at, len(self._text)
+            while at < end and text[at] in _SPACE:
+                at += 1
+            self._at = at
+            if at < end:
+                return text[at]
             if self._ended:
                 return ""
             self._read(_CHUNK)

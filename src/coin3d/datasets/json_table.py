@@ -41,9 +41,10 @@ def rows_of(path: Path, tell: Tell | None = None) -> Iterator[Row]:
         with path.open("rb") as file, TextIOWrapper(file, encoding="utf-8-sig") as text:
             stream = JsonStream(text, path, _LONGEST_ROW)
             for i, row in enumerate(stream.items()):
-                if not isinstance(row, dict) or not _is_token(row.get("token")):
+                token = row.get("token") if isinstance(row, dict) else None
+                if not isinstance(token, str) or not 0 < len(token) <= _LONGEST_TOKEN or not token.isprintable():
                     raise stream.error(f"row {i} has no 'token', or one that is no short text: {shown(row)}")
-                hashes.append(hash(row["token"]))
+                hashes.append(hash(token))
                 yield row
                 if tell is not None and i % _ROWS_BETWEEN_NEWS == 0:
                     tell(path, file.tell())
@@ -117,8 +118,8 @@ def microseconds(path: Path, row: Row) -> int | float:
 
 def flag(path: Path, row: Row, field: str) -> bool:
     """A field that is true or false."""
-    found = value(path, row, field)
-    if not isinstance(found, bool | int) or found not in (0, 1):
+    found = row[field] if field in row else value(path, row, field)
+    if not isinstance(found, int) or found not in (0, 1):
         raise refused(path, row, f"has the {field} {shown(found)}, which should be true or false")
     return bool(found)
 
@@ -175,10 +176,6 @@ def is_sane_triple(found: Any) -> TypeGuard[list[int | float]]:
 def _has_bool(found: Any) -> bool:
     """Whether there is a true or false in lists, which Python takes for numbers."""
     return isinstance(found, bool) or (isinstance(found, list) and any(map(_has_bool, found)))
-
-
-def _is_token(token: Any) -> bool:
-    return isinstance(token, str) and 0 < len(token) <= _LONGEST_TOKEN and token.isprintable()
 
 
 def _no_repeats(path: Path, hashes: Int[np.ndarray, "n"]) -> None:

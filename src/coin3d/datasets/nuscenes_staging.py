@@ -20,7 +20,6 @@ from coin3d.datasets.json_table import (
     follow,
     is_sane_triple,
     microseconds,
-    part,
     refused,
     rows_of,
     value,
@@ -65,7 +64,8 @@ class Staging:
         sensors = small.sensors()
         self._used = sensors.cameras | sensors.lidars
         self._sweep_channel = sensors.lidar_of(sensors.lidars)
-        self.calibrations = {row["token"]: i for i, row in enumerate(small.calibrated_sensor.rows())}
+        self._sensors: dict[str, tuple[int, str]] = {}
+        self._calibrations = {row["token"]: i for i, row in enumerate(small.calibrated_sensor.rows())}
         self.some_filename = ""
         self.sweeps_problem = ""
         self._database = sqlite3.connect("")
@@ -128,19 +128,18 @@ class Staging:
         database.execute("CREATE INDEX annotation_by_token ON annotation (token)")
 
     def _data_rows(self) -> Iterator[tuple[Any, ...]]:
-        path, small = self.data_path, self._small
+        path = self.data_path
         for i, row in enumerate(rows_of(path, self._tell)):
             if i == 0 and isinstance(row.get("filename"), str):
                 self.some_filename = row["filename"]
             is_key = flag(path, row, "is_key_frame")
             try:
-                calibration = follow(path, row, "calibrated_sensor_token", small.calibrated_sensor)
-                channel = small.sensor_of(calibration)["channel"]
+                number, channel = self._sensor(row)
                 is_sweep = channel == self._sweep_channel
                 if not is_key and not is_sweep:
                     continue
-                position = self._position[follow(path, row, "sample_token", small.sample)["token"]]
-                pose = value(path, row, "ego_pose_token")
+                position = self._position_of(path, row)
+                pose = row["ego_pose_token"] if "ego_pose_token" in row else value(path, row, "ego_pose_token")
                 if not isinstance(pose, str) or not pose.isprintable():
                     raise dangling(path, row["token"], "ego_pose_token", pose, self.pose_path)
                 time_us = microseconds(path, row) if is_sweep else None
@@ -149,11 +148,25 @@ class Staging:
                     raise
                 self.sweeps_problem = self.sweeps_problem or str(error)  # frames can do without
                 continue
-            if channel not in self._used:
-                continue
-            scene, number = self._samples[position].scene, self.calibrations[calibration["token"]]
-            text = encoded_part(path, row, _DATA_FIELDS)
-            yield position, scene, channel, is_key, is_sweep, time_us, row["token"], pose, number, text
+            if channel in self._used:
+                scene, text = self._samples[position].scene, encoded_part(path, row, _DATA_FIELDS)
+                yield position, scene, channel, is_key, is_sweep, time_us, row["token"], pose, number, text
+
+    def _sensor(self, row: Row) -> tuple[int, str]:
+        """Number of the calibration and channel of a sample_data row."""
+        token = row.get("calibrated_sensor_token")
+        known = self._sensors.get(token) if isinstance(token, str) else None
+        if known is None:
+            calibration = follow(self.data_path, row, "calibrated_sensor_token", self._small.calibrated_sensor)
+            known = self._calibrations[calibration["token"]], self._small.sensor_of(calibration)["channel"]
+            self._sensors[calibration["token"]] = known
+        return known
+
+    def _position_of(self, path: Path, row: Row) -> int:
+        """Position of the sample that a row belongs to."""
+        token = row.get("sample_token")
+        position = self._position.get(token) if isinstance(token, str) else None
+        return self._position[follow(path, row, "sample_token", self._small.sample)["token"]] if position is None else position
 
     def _pose_rows(self) -> Iterator[tuple[str, str]]:
         for row in rows_of(self.pose_path, self._tell):
@@ -162,7 +175,7 @@ class Staging:
     def _annotation_rows(self) -> Iterator[tuple[Any, ...]]:
         path, small = self.annotation_path, self._small
         for row in rows_of(path, self._tell):
-            position = self._position[follow(path, row, "sample_token", small.sample)["token"]]
+            position = self._position_of(path, row)
             category = small.category_name(path, row)
             place = row.get("translation")
             x, y = (float(place[0]), float(place[1])) if is_sane_triple(place) else (None, None)
@@ -178,7 +191,7 @@ def encoded_part(path: Path, row: Row, fields: Sequence[str]) -> str:
         ValueError: fields that no sane row has: very long ones, or lists in lists in lists.
     """
     try:
-        text = _encode(part(row, fields))
+        text = _encode({"token": row["token"], **{name: row[name] for name in fields if name in row}})
     except (ValueError, RecursionError):
         raise refused(path, row, f"has no sane {', '.join(fields)}") from None
     if len(text) > _LONGEST_PART or text.count("[") + text.count("{") > _MOST_BRACKETS:
