@@ -264,7 +264,7 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert not (tmp_path / "out").exists()
     assert main([*words, "--checkpoint", str(old), "--against", "nuscenes", "waymo"]) == 0
     said = capsys.readouterr().out
-    assert "eye: beyond training" in said and "report.html" in said
+    assert "eye: far beyond training" in said and "report.html" in said
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     found = result["comparison"]["distance"]
     assert found["trained_on"] == ["nuscenes", "waymo"] and found["augmented"]
