@@ -236,6 +236,7 @@ def test_coverage_by_hand() -> None:
     assert high.seen_deg == 0 and high.pixels_per_metre is None  # 2 m below at 2 m: 45 degrees down
 
 
+@pytest.mark.filterwarnings("error:constrained_layout")
 def test_the_page(tmp_path: Path) -> None:
     cameras = {
         "wide": pinhole(118, camera_pose((2, 0, 1.2), 0.1, 0.2), 640, 480),
@@ -254,6 +255,7 @@ def test_the_page(tmp_path: Path) -> None:
         assert picture is not None and min(picture.shape[:2]) > 200 and picture.std() > 5
 
 
+@pytest.mark.filterwarnings("error:constrained_layout")
 def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     save_rig(one(z=2.4), tmp_path / "van.yaml")
     old = write_checkpoint(tmp_path / "old.safetensors")
@@ -264,7 +266,7 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert not (tmp_path / "out").exists()
     assert main([*words, "--checkpoint", str(old), "--against", "nuscenes", "waymo"]) == 0
     said = capsys.readouterr().out
-    assert "eye: beyond training" in said and "report.html" in said
+    assert "eye: far beyond training" in said and "report.html" in said
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     found = result["comparison"]["distance"]
     assert found["trained_on"] == ["nuscenes", "waymo"] and found["augmented"]

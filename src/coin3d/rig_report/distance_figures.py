@@ -118,9 +118,9 @@ def rows_figure(rig: Rig, distance: RigDistance, views: TrainingViews) -> Figure
             depth = _upright(values[:, 0])
             axes.plot(depth, rows, color=_LINES[0], linewidth=2)
             outside = outside_range(values, *wide)[:, 0]
-            # at the right edge: no ground where training had some. Nothing may lie outside: the layout makes room for dots
-            at_edge = np.clip(np.nan_to_num(depth, nan=axis[-1]), axis[0], axis[-1])
-            axes.plot(at_edge[outside], rows[outside], ".", color=_OUTSIDE, markersize=7, clip_on=False)
+            if outside.any():  # dots that are not clipped need a place: those of an empty line would be at the figure's corner
+                at_edge = np.clip(np.nan_to_num(depth, nan=axis[-1]), axis[0], axis[-1])  # right edge: no ground
+                axes.plot(at_edge[outside], rows[outside], ".", color=_OUTSIDE, markersize=7, clip_on=False)
             axes.set(xscale="log", xlim=(axis[0], axis[-1]), ylim=(distance.size_px[1], 0), xlabel=label)
             axes.set_xticks(axis, labels=[f"{tick:g}" for tick in axis])
             axes.minorticks_off()
