@@ -67,11 +67,26 @@ def read_description(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not a complete safetensors file ({error}); is it truncated?") from error
     if "coin3d" not in metadata:
         raise ValueError(f"{path}: a safetensors file, but not a checkpoint made by coin3d train or convert")
-    description: dict[str, Any] = json.loads(metadata["coin3d"])
+    description = _parsed(metadata["coin3d"], path)
     if description.get("format") != FORMAT:
         raise ValueError(f"{path}: checkpoint format {description.get('format')}, this version reads {FORMAT}")
     if missing := [key for key in ("detector", "config", "classes", "method", "options") if key not in description]:
         raise ValueError(f"{path}: the description in the checkpoint lacks {', '.join(missing)}")
+    kinds = {"config": dict, "options": dict, "classes": list}
+    if wrong := [key for key, kind in kinds.items() if not isinstance(description[key], kind)]:
+        raise ValueError(f"{path}: {', '.join(wrong)} in the description of the checkpoint make no sense; is it damaged?")
+    if not all(isinstance(name, str) for name in description["classes"]):
+        raise ValueError(f"{path}: the classes in the description of the checkpoint are no names; is it damaged?")
+    return description
+
+
+def _parsed(text: str, path: Path) -> dict[str, Any]:
+    try:
+        description = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: the description in the checkpoint is not JSON ({error}); is it damaged?") from error
+    if not isinstance(description, dict):
+        raise ValueError(f"{path}: the description in the checkpoint is no set of fields; is it damaged?")
     return description
 
 
@@ -85,7 +100,7 @@ def load_checkpoint(path: Path) -> tuple[Detector, dict[str, Any]]:
     if d["detector"] == "trunk":
         raise ValueError(f"{path}: a pre-trained trunk, which detects nothing; give it to coin3d train --trunk")
     for key, known in (("detector", DETECTORS), ("method", METHODS)):
-        if d[key] not in known:
+        if not isinstance(d[key], str) or d[key] not in known:
             raise ValueError(f"{path}: made with the {key} '{d[key]}', known are {', '.join(known)}")
     try:
         config: Any = from_plain(DETECTORS[d["detector"]][0], {**d["config"], "pretrained": False})
@@ -141,5 +156,8 @@ def load_trunk(model: Detector, path: Path) -> None:
 
 
 def _tensors(path: Path) -> dict[str, Tensor]:
-    with safe_open(path, framework="pt") as file:
-        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    try:
+        with safe_open(path, framework="pt") as file:
+            return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, RuntimeError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path}: its weights cannot be read ({error}); is it damaged?") from error
