@@ -18,11 +18,11 @@ from waymo_drive import Drive
 COLUMNS = ("x", "y", "z", "intensity")
 
 
-def write_own(root: Path, drives: list[Drive]) -> Path:
+def write_own(root: Path, drives: list[Drive], rig_suffix: str = ".yaml") -> Path:
     """Images as PNG, a rig file per drive, boxes in the world or on the vehicle, a sweep file of every kind in turn."""
     lines, number = [], 0
     for drive in drives:
-        rig = f"{drive.segment}.yaml"
+        rig = f"{drive.segment}{rig_suffix}"
         _write_rig(root / rig, drive.mounts)
         for k, frame in enumerate(drive.frames):
             write = _LIDAR_KINDS[number % len(_LIDAR_KINDS)]
@@ -78,7 +78,8 @@ def _write_rig(path: Path, mounts: dict[str, Camera]) -> None:
         for name, camera in mounts.items()
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump({"name": path.stem, "pixel_origin": "opencv", "cameras": cameras}, sort_keys=False))
+    content = {"name": path.stem, "pixel_origin": "opencv", "cameras": cameras}
+    path.write_text(json.dumps(content) if path.suffix == ".json" else yaml.safe_dump(content, sort_keys=False))
 
 
 def _png(path: Path, image: np.ndarray) -> None:

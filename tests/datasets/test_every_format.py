@@ -118,7 +118,7 @@ def lean_rad(pose: Pose) -> float:
 
 
 def test_the_drives_are_worth_writing(drives: list[Drive]) -> None:
-    """What is compared below is there: moving objects, unknown speeds, leaning, cameras that fire elsewhere, two image sizes."""
+    """What is compared below is there: motion, unknown speeds, leaning, cameras that fire elsewhere, images of four sizes."""
     frames = [frame for drive in drives for frame in drive.frames]
     boxes = [frame.boxes_world for frame in frames]
     assert [len(drive.frames) for drive in drives] == [3, 2] and min(map(len, boxes)) > 10

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from torch import Tensor
 from coin3d.detectors import DETECTORS, TRAINABLE, Detector
 from coin3d.methods import METHODS
 from coin3d.records import from_plain, to_plain, write_bytes
+from coin3d.training.build_guard import build_within, count_numbers
 
 FORMAT = 1
 _TRUNK = "backbone."
@@ -107,7 +109,13 @@ def load_checkpoint(path: Path) -> tuple[Detector, dict[str, Any]]:
         options: Any = from_plain(METHODS[d["method"]][0], d["options"])
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    model = build_detector(d["detector"], config, tuple(d["classes"]), d["method"], options)
+    if not re.fullmatch(r"\w[\w.-]{0,79}", str(getattr(config, "backbone", "none"))):  # some names make timm ask the network
+        raise ValueError(f"{path}: made with the backbone '{config.backbone:.80}', which is no name of a network")
+    model = build_within(
+        lambda: build_detector(d["detector"], config, tuple(d["classes"]), d["method"], options),
+        _numbers_in(path),
+        str(path),
+    )
     load_weights(model, path)
     return model.eval(), d
 
@@ -153,6 +161,11 @@ def load_trunk(model: Detector, path: Path) -> None:
                 f"{tuple(tensor.shape)}; pre-train with the same detector and preset (coin3d pretrain)"
             )
     model.load_state_dict({name: weights[name].to(tensor.dtype) for name, tensor in own.items()}, strict=False)
+
+
+def _numbers_in(path: Path) -> int:
+    with safe_open(path, framework="pt") as file:
+        return count_numbers(file.get_slice(name).get_shape() for name in file.keys())  # noqa: SIM118
 
 
 def _tensors(path: Path) -> dict[str, Tensor]:
