@@ -34,7 +34,7 @@ def write_absurd(root: Path) -> None:
             archive.open("data.npy", "w") as file,
         ):
             file.write(_header(header))
-            for _ in range(512 if name == "bomb.npz" else 1):
+            for _ in range(260 if name == "bomb.npz" else 1):
                 file.write(data)
     fields = "FIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\n"
     (root / "binary.pcd").write_text(fields + "POINTS 999999999999\nDATA binary\n")
@@ -56,7 +56,7 @@ def write_absurd(root: Path) -> None:
     aliases = ["l0: &l0 [x]", *(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 20)}]" for i in range(1, 12))]
     (root / "aliases.yaml").write_text("\n".join([*aliases, "name: *l11", "cameras: {a: {size: *l11}}"]))
     (root / "deep.json").write_text('{"results": {"a": ' + "[" * 10**6)
-    for name, size in (("rig.yaml", 2**34), ("scenes.txt", 2**34), ("own/frames.jsonl", 2**30), ("dgp/scene_1.json", 2**34)):
+    for name, size in (("rig.yaml", 2**34), ("scenes.txt", 2**34), ("own/frames.jsonl", 2**30), ("dgp/scene_1.json", 2**30)):
         (root / name).parent.mkdir(exist_ok=True)
         with (root / name).open("wb") as file:
             file.truncate(size)

@@ -31,7 +31,6 @@ def box(token: str, x: float) -> dict[str, object]:
 
 
 CONTENT = {"meta": {"use_camera": True}, "results": {"a": [box("a", 600.0), box("a", 610.0)], "b": [box("b", 10.0)]}}
-UNREAD = ("velocity", "attribute_name", "meta", "use_camera")
 
 
 def read(path: Path) -> BoxTable:
@@ -85,3 +84,23 @@ def test_texts_that_ask_for_trouble(tmp_path: Path, text: str) -> None:
     path = tmp_path / "results.json"
     path.write_text(text)
     assert refused(lambda: read(path), str(path)) is None
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("size", [2.0, True, 1.6]),
+        ("translation", [600.0, 2.0, False]),
+        ("rotation", [True, 0.0, 0.0, 0.0]),
+        ("detection_score", True),
+        ("translation", [-(2**63), 2, 1]),
+        ("translation", [2**63, 2, 1]),
+        ("translation", [1e13, 2.0, 1.0]),
+    ],
+)
+def test_values_that_numpy_would_take_for_numbers(tmp_path: Path, field: str, value: object) -> None:
+    """Among numbers ``true`` would become 1, and the smallest whole number has no absolute value."""
+    path = tmp_path / "results.json"
+    path.write_text(json.dumps({"results": {"a": [box("a", 600.0), {**box("a", 600.0), field: value}]}}))
+    with pytest.raises(ValueError, match=rf"results\.json: sample 'a': box 1 has the {field}"):
+        read(path)

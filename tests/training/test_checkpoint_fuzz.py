@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +81,12 @@ def test_descriptions_that_are_none(tmp_path: Path, description: str) -> None:
 
 
 def test_descriptions_with_values_that_make_no_sense(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No detector is built from most of them; none of them fits a file with one weight."""
-    monkeypatch.setattr("coin3d.training.checkpoint.build_detector", lambda *args: torch.nn.Linear(1, 1))
+    """Whatever comes as far as to the building of a network is stopped there."""
+
+    def refuse(build: Callable[[], object], shapes: list[list[int]], where: str) -> None:
+        raise ValueError(f"{where}: {len(shapes)} weights")
+
+    monkeypatch.setattr("coin3d.training.checkpoint.build_within", refuse)
     rng = np.random.default_rng(1)
     path = tmp_path / "model.safetensors"
     for _ in range(150):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import torch
@@ -13,17 +13,19 @@ T = TypeVar("T")
 _TIMES = 4
 _SPARE = 2**26
 """Tables and random numbers that are made while a network is built, in numbers."""
+_TENSORS_TIMES, _TENSORS_SPARE = 20, 2000
+"""How many tensors may be made per tensor of the file: networks of endless tiny layers are none either."""
 
 _MAKERS = ("empty", "zeros", "ones", "full", "rand", "randn", "new_empty", "new_zeros", "new_ones", "new_full")
 _RANGES = ("arange", "linspace", "eye")
 
 
 class _Budget(TorchDispatchMode):
-    """Counts the numbers of new tensors before they are made."""
+    """Counts new tensors and the numbers in them before they are made."""
 
-    def __init__(self, numbers: int) -> None:
+    def __init__(self, numbers: int, tensors: int) -> None:
         super().__init__()
-        self._left = numbers
+        self._left, self._tensors_left = numbers, tensors
 
     def __torch_dispatch__(
         self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Mapping[str, Any] | None = None
@@ -40,23 +42,25 @@ class _Budget(TorchDispatchMode):
         for side in sides:
             numbers *= max(0, int(side))
         self._left -= numbers
-        if self._left < 0:
+        self._tensors_left -= 1
+        if self._left < 0 or self._tensors_left < 0:
             raise ValueError("the description asks for a far larger network than the weights are of")
 
 
-def build_within(build: Callable[[], T], weights: int, where: str) -> T:
+def build_within(build: Callable[[], T], shapes: Collection[Sequence[int]], where: str) -> T:
     """What ``build`` makes, a network that a file describes.
 
     Args:
         build: makes it.
-        weights: how many numbers the file holds.
+        shapes: of the weights in the file.
         where: names the file.
 
     Raises:
         ValueError: it would take far more memory than its weights, or nothing can be built from the description.
     """
+    numbers = sum(int(torch.Size(shape).numel()) for shape in shapes)
     try:
-        with _Budget(_TIMES * weights + _SPARE):
+        with _Budget(_TIMES * numbers + _SPARE, _TENSORS_TIMES * len(shapes) + _TENSORS_SPARE):
             return build()
     # any number of the description may be one that some layer cannot be made of
     except (
@@ -64,8 +68,3 @@ def build_within(build: Callable[[], T], weights: int, where: str) -> T:
     ) as error:  # fmt: skip
         message = str(error).partition("\n")[0]
         raise ValueError(f"{where}: no detector can be built from the description in the checkpoint ({message})") from error
-
-
-def count_numbers(shapes: Iterable[Iterable[int]]) -> int:
-    """How many numbers tensors of these shapes hold."""
-    return sum(int(torch.Size(shape).numel()) for shape in shapes)

@@ -16,7 +16,7 @@ from torch import Tensor
 from coin3d.detectors import DETECTORS, TRAINABLE, Detector
 from coin3d.methods import METHODS
 from coin3d.records import from_plain, to_plain, write_bytes
-from coin3d.training.build_guard import build_within, count_numbers
+from coin3d.training.build_guard import build_within
 
 FORMAT = 1
 _TRUNK = "backbone."
@@ -113,7 +113,7 @@ def load_checkpoint(path: Path) -> tuple[Detector, dict[str, Any]]:
         raise ValueError(f"{path}: made with the backbone '{config.backbone:.80}', which is no name of a network")
     model = build_within(
         lambda: build_detector(d["detector"], config, tuple(d["classes"]), d["method"], options),
-        _numbers_in(path),
+        _shapes_in(path),
         str(path),
     )
     load_weights(model, path)
@@ -163,9 +163,9 @@ def load_trunk(model: Detector, path: Path) -> None:
     model.load_state_dict({name: weights[name].to(tensor.dtype) for name, tensor in own.items()}, strict=False)
 
 
-def _numbers_in(path: Path) -> int:
+def _shapes_in(path: Path) -> list[list[int]]:
     with safe_open(path, framework="pt") as file:
-        return count_numbers(file.get_slice(name).get_shape() for name in file.keys())  # noqa: SIM118
+        return [file.get_slice(name).get_shape() for name in file.keys()]  # noqa: SIM118
 
 
 def _tensors(path: Path) -> dict[str, Tensor]:
