@@ -13,7 +13,7 @@ import numpy as np
 _LARGEST_BYTES = 2**28
 """8 million points of four doubles; a sweep has less than a million."""
 
-_Shape = tuple[int, ...]
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 HEADER_ERRORS = (
     OSError, ValueError, EOFError, TypeError, SyntaxError, KeyError, AttributeError, OverflowError, MemoryError, RecursionError,
@@ -43,7 +43,10 @@ def read_npz_array(path: Path, name: str) -> np.ndarray:
             if entry.file_size > _LARGEST_BYTES:
                 raise ValueError(f"'{name}' takes {entry.file_size} bytes, more than {_LARGEST_BYTES}")
             with archive.open(entry) as file:
-                shape, fortran, dtype = _header(file)
+                version = np.lib.format.read_magic(file)
+                if version not in _HEADERS:
+                    raise ValueError(f"version {version} of the array format")
+                shape, fortran, dtype = _HEADERS[version](file)
                 # what Python's own arrays may not be: negative sides, or a product beyond any memory
                 size = dtype.itemsize
                 for side in shape:
@@ -59,12 +62,3 @@ def read_npz_array(path: Path, name: str) -> np.ndarray:
     except (*HEADER_ERRORS, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, struct.error) as error:
         raise ValueError(f"{path}: not a complete npz file with an array '{name}' ({error}); copy it again") from error
     return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C")
-
-
-def _header(file: zipfile.ZipExtFile) -> tuple[_Shape, bool, np.dtype]:
-    version = np.lib.format.read_magic(file)
-    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
-    if read is None:
-        raise ValueError(f"version {version} of the array format")
-    shape, fortran, dtype = read(file)
-    return shape, fortran, dtype

@@ -20,11 +20,11 @@ _MAKERS = ("empty", "zeros", "ones", "full", "rand", "randn", "new_empty", "new_
 _RANGES = ("arange", "linspace", "eye")
 
 
-class _Budget(TorchDispatchMode):
+class _Budget(TorchDispatchMode):  # type: ignore[no-untyped-call]
     """Counts new tensors and the numbers in them before they are made."""
 
     def __init__(self, numbers: int, tensors: int) -> None:
-        super().__init__()
+        super().__init__()  # type: ignore[no-untyped-call]
         self._left, self._tensors_left = numbers, tensors
 
     def __torch_dispatch__(
