@@ -108,7 +108,7 @@ def make_drive(segment: str = "1024360_3580_000_3600_000", frames: int = 3, lida
         at_image = {name: vehicle_pose(k + 0.05 * (i - 2)) for i, name in enumerate(mounts)}
         cameras = {n: c.moved(pose.inverse() @ at_image[n] @ c.ego_from_cam) for n, c in mounts.items()}
         sweeps = {name: _sweep(laser, name == "TOP", pose, k) for name, laser in drive.lasers.items()}
-        first, both = _points(drive.lasers, sweeps, pose, 1), _points(drive.lasers, sweeps, pose, 2)
+        first, both = sweep_points(drive.lasers, sweeps, pose, 1), sweep_points(drive.lasers, sweeps, pose, 2)
         drive.image_poses.append(at_image)
         drive.sweeps.append(sweeps)
         drive.both.append(both[:, :3])
@@ -163,11 +163,11 @@ def _sweep(laser: Laser, has_poses: bool, pose: Pose, k: int) -> Sweep:
             then = pose
             if poses is not None:
                 moment = vehicle_pose(k + 0.1 * (j / width - 0.5))
-                yaw, pitch, roll = _euler(moment.rotation)
+                yaw, pitch, roll = euler_rad(moment.rotation)
                 poses[i, j] = (roll, pitch, yaw, *moment.translation)
-                then = _pixel_pose(poses[i, j])
+                then = pixel_pose(poses[i, j])
             world_from_laser = then.matrix @ laser.vehicle_from_laser.matrix
-            ray = world_from_laser[:3, :3] @ _direction(laser, i, j, height, width)
+            ray = world_from_laser[:3, :3] @ pixel_direction(laser, i, j, height, width)
             down = (GROUND_M - world_from_laser[2, 3]) / ray[2]
             if 0 < down < 60:
                 returns[0, i, j] = (down, 0.25 + i, 0.1, -1)
@@ -176,7 +176,7 @@ def _sweep(laser: Laser, has_poses: bool, pose: Pose, k: int) -> Sweep:
     return Sweep((returns[0], returns[1]), poses)
 
 
-def _points(lasers: dict[str, Laser], sweeps: dict[str, Sweep], pose: Pose, returns: int) -> np.ndarray:
+def sweep_points(lasers: dict[str, Laser], sweeps: dict[str, Sweep], pose: Pose, returns: int) -> np.ndarray:
     """(N, 4) position in the ego frame and intensity of every pixel with a return, one by one."""
     found = []
     for name, sweep in sweeps.items():
@@ -185,15 +185,15 @@ def _points(lasers: dict[str, Laser], sweeps: dict[str, Sweep], pose: Pose, retu
             for i in range(height):
                 for j in range(width):
                     if image[i, j, 0] > 0:
-                        local = float(image[i, j, 0]) * _direction(lasers[name], i, j, height, width)
+                        local = float(image[i, j, 0]) * pixel_direction(lasers[name], i, j, height, width)
                         point = lasers[name].vehicle_from_laser.matrix @ np.append(local, 1.0)
                         if sweep.poses is not None:
-                            point = np.linalg.inv(pose.matrix) @ (_pixel_pose(sweep.poses[i, j]).matrix @ point)
+                            point = np.linalg.inv(pose.matrix) @ (pixel_pose(sweep.poses[i, j]).matrix @ point)
                         found.append([*point[:3], float(image[i, j, 1])])
     return np.array(found).reshape(-1, 4)
 
 
-def _direction(laser: Laser, i: int, j: int, height: int, width: int) -> np.ndarray:
+def pixel_direction(laser: Laser, i: int, j: int, height: int, width: int) -> np.ndarray:
     """Row 0 looks highest although inclinations are stored from the lowest; column 0 looks back, columns turn right."""
     upwards = height - 1 - i
     if laser.inclinations_rad:
@@ -206,7 +206,7 @@ def _direction(laser: Laser, i: int, j: int, height: int, width: int) -> np.ndar
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(inclination)])
 
 
-def _pixel_pose(numbers: np.ndarray) -> Pose:
+def pixel_pose(numbers: np.ndarray) -> Pose:
     roll, pitch, yaw, x, y, z = (float(n) for n in numbers)
     cr, sr, cp, sp, cy, sy = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch), math.cos(yaw), math.sin(yaw)
     about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
@@ -215,7 +215,7 @@ def _pixel_pose(numbers: np.ndarray) -> Pose:
     return Pose(about_z @ about_y @ about_x, np.array([x, y, z]))
 
 
-def _euler(rotation: np.ndarray) -> tuple[float, float, float]:
+def euler_rad(rotation: np.ndarray) -> tuple[float, float, float]:
     """Yaw, pitch, roll."""
     r = rotation
     return math.atan2(r[1, 0], r[0, 0]), -math.asin(r[2, 0]), math.atan2(r[2, 1], r[2, 2])

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from coin3d.geometry import Camera, Pose
-from waymo_drive import AXES, CAMERA_NUMBERS, LABEL_NUMBERS, LASER_NUMBERS, START_US, Drive, boxes_vehicle
+from waymo_drive import AXES, CAMERA_NUMBERS, LABEL_NUMBERS, LASER_NUMBERS, Drive, boxes_vehicle
 
 COMPONENTS = (
     "camera_image", "camera_calibration", "vehicle_pose", "lidar", "lidar_calibration", "lidar_pose", "lidar_box",
@@ -90,7 +90,11 @@ def frame_payload(drive: Drive, k: int) -> bytes:
     for name, laser in drive.lasers.items():
         edges = real(3, laser.low_rad) + real(4, laser.high_rad) + content(5, real(1, *laser.vehicle_from_laser.matrix.ravel()))
         context.append(content(3, whole(1, LASER_NUMBERS[name]), real(2, *laser.inclinations_rad), edges))
-    parts = [content(1, *context), whole(2, START_US + 100_000 * k), content(3, real(1, *frame.world_from_ego.matrix.ravel()))]
+    parts = [
+        content(1, *context),
+        whole(2, frame.timestamp_ns // 1000),
+        content(3, real(1, *frame.world_from_ego.matrix.ravel())),
+    ]
     for name in reversed(drive.mounts):  # order in the file means nothing
         pose = content(3, real(1, *drive.image_poses[k][name].matrix.ravel()))
         parts.append(content(4, whole(1, CAMERA_NUMBERS[name]), content(2, png(frame.images[name])), pose, real(5, 1.5)))
@@ -105,7 +109,8 @@ def frame_payload(drive: Drive, k: int) -> bytes:
     for i in range(len(boxes)):
         (x, y, z), (length, width, height) = boxes.centre_m[i], boxes.size_m[i]
         box = b"".join(real(n, v) for n, v in enumerate((x, y, z, width, length, height, boxes.yaw_rad[i]), start=1))
-        speed = real(1, frame.boxes_world.velocity_mps[i, 0]) + real(2, frame.boxes_world.velocity_mps[i, 1])
+        known = np.isfinite(frame.boxes_world.velocity_mps[i]).all()
+        speed = b"".join(real(n, v) for n, v in enumerate(frame.boxes_world.velocity_mps[i], start=1) if known)
         kind = whole(3, LABEL_NUMBERS[str(boxes.labels[i])]) + content(4, str(boxes.instance_ids[i]).encode())
         parts.append(content(6, content(1, box), content(2, speed), kind, whole(7, int(boxes.num_lidar_points[i]))))
     return b"".join(parts) + content(8, whole(1, 1))
@@ -143,15 +148,15 @@ _TIME, _CAMERA, _LASER = {"key.frame_timestamp_micros": _I64}, {"key.camera_name
 Rows = tuple[list[dict[str, Any]], dict[str, pa.DataType]]
 
 
-def _time(k: int) -> dict[str, int]:
-    return {"key.frame_timestamp_micros": START_US + 100_000 * k}
+def _time(drive: Drive, k: int) -> dict[str, int]:
+    return {"key.frame_timestamp_micros": drive.frames[k].timestamp_ns // 1000}
 
 
 def _camera_image(drive: Drive) -> Rows:
     prefix = "[CameraImageComponent]"
     rows = [
         {
-            **_time(k),
+            **_time(drive, k),
             "key.camera_name": CAMERA_NUMBERS[name],
             f"{prefix}.image": png(frame.images[name]),
             f"{prefix}.pose.transform": _flat(drive.image_poses[k][name]),
@@ -183,7 +188,7 @@ def _camera_calibration(drive: Drive) -> Rows:
 
 def _vehicle_pose(drive: Drive) -> Rows:
     name = "[VehiclePoseComponent].world_from_vehicle.transform"
-    rows = [{**_time(k), name: _flat(frame.world_from_ego)} for k, frame in enumerate(drive.frames)]
+    rows = [{**_time(drive, k), name: _flat(frame.world_from_ego)} for k, frame in enumerate(drive.frames)]
     return rows, {**_TIME, name: pa.list_(_F64)}
 
 
@@ -198,7 +203,7 @@ def _matrix_kinds(*names: str) -> dict[str, pa.DataType]:
 def _lidar(drive: Drive) -> Rows:
     names = [f"[LiDARComponent].range_image_return{i}" for i in (1, 2)]
     rows = [
-        {**_time(k), "key.laser_name": LASER_NUMBERS[laser], **_range_image(names[0], sweep.returns[0])}
+        {**_time(drive, k), "key.laser_name": LASER_NUMBERS[laser], **_range_image(names[0], sweep.returns[0])}
         | _range_image(names[1], sweep.returns[1])
         for k, sweeps in enumerate(drive.sweeps)
         for laser, sweep in sweeps.items()
@@ -209,7 +214,7 @@ def _lidar(drive: Drive) -> Rows:
 def _lidar_pose(drive: Drive) -> Rows:
     name = "[LiDARPoseComponent].range_image_return1"
     rows = [
-        {**_time(k), "key.laser_name": LASER_NUMBERS[laser], **_range_image(name, sweep.poses)}
+        {**_time(drive, k), "key.laser_name": LASER_NUMBERS[laser], **_range_image(name, sweep.poses)}
         for k, sweeps in enumerate(drive.sweeps)
         for laser, sweep in sweeps.items()
         if sweep.poses is not None
@@ -246,8 +251,9 @@ def _lidar_box(drive: Drive) -> Rows:
         for i in range(len(boxes)):
             points = int(boxes.num_lidar_points[i])
             kind = {f"{prefix}.type": LABEL_NUMBERS[str(boxes.labels[i])], f"{prefix}.num_lidar_points_in_box": points}
-            key = {**_time(k), "key.laser_object_id": str(boxes.instance_ids[i])}
-            rows.append({**key, **dict(zip(names, numbers[i].tolist(), strict=True)), **kind})
+            key = {**_time(drive, k), "key.laser_object_id": str(boxes.instance_ids[i])}
+            values = [None if np.isnan(number) else number for number in numbers[i].tolist()]
+            rows.append({**key, **dict(zip(names, values, strict=True)), **kind})
     kinds = {"key.laser_object_id": _TEXT, **dict.fromkeys(names, _F64)}
     return rows, {**_TIME, **kinds, f"{prefix}.type": _I8, f"{prefix}.num_lidar_points_in_box": _I64}
 

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from coin3d.datasets.dgp_files import Calibration, PointCloudFile, field, read_boxes, read_json
+from coin3d.datasets.dgp_files import Calibration, PointCloudFile, columns_of, field, read_boxes, read_json, rows_of
 from coin3d.datasets.dgp_scene import Datum, DgpSample, DgpScene
 from coin3d.datasets.frame import Frame
 from coin3d.datasets.ground_fit import fit_ground
+from coin3d.datasets.inside import inside
+from coin3d.datasets.json_values import shown, whole
 from coin3d.datasets.own_vehicle import own_vehicle_masks
 from coin3d.datasets.splits import SplitChoice, chosen_scenes
 from coin3d.geometry import Boxes3D, Camera, GroundPlane, Pose, Rig
@@ -21,6 +23,7 @@ _SPLITS = ("train", "val", "test")
 _MAX_VELOCITY_GAP_S = 1.5
 _SWEEPS_FOR_GROUND = 5
 _LIDAR_ABOVE_CAMERAS_M = 0.3
+_LARGEST_SIDE_PX = 32767
 
 
 class DgpRecording:
@@ -45,6 +48,8 @@ class DgpRecording:
         number = _SPLITS.index(split) if isinstance(split, str) and split in _SPLITS else split
         files = _scene_files(self.root, number if isinstance(number, int) else None)
         names = {_scene_name(path, self.root): path for path in files}
+        if len(names) < len(files):
+            raise ValueError(f"{self.root}: several files scene_*.json in one folder of a scene; keep one")
         if number is not None and not isinstance(number, int):
             names = {name: names[name] for name in chosen_scenes(number, list(names), str(self.root))}
         self._scenes = [DgpScene(path, name) for name, path in names.items()]
@@ -92,7 +97,7 @@ class DgpRecording:
         cameras = {}
         for datum in sample.cameras:
             _vehicle_from(calibration, datum)
-            width, height = (int(field(datum.content, side, datum.where)) for side in ("width", "height"))
+            width, height = (_side(datum, side) for side in ("width", "height"))
             pose = ego_from_world @ datum.world_from_sensor()
             try:
                 cameras[datum.name] = Camera(calibration.K[datum.name], width, height, pose)
@@ -117,9 +122,13 @@ def is_dgp(root: Path) -> bool:
 def _scene_lists(root: Path) -> list[Path]:
     found = []
     for path in sorted(root.glob("*.json")):
+        before = b""
         with path.open("rb") as file:
-            if b'"scene_splits"' in file.read():
-                found.append(path)
+            while part := file.read(2**20):
+                if b'"scene_splits"' in before + part:
+                    found.append(path)
+                    break
+                before = part[-20:]
     return found
 
 
@@ -135,18 +144,25 @@ def _scene_files(root: Path, split: int | None) -> list[Path]:
         if not _is_scene_folder(root):
             raise FileNotFoundError(f"{root}: neither a DGP scene list (JSON with scene_splits) nor a DGP scene")
         return sorted(root.glob("scene_*.json"))
-    splits = field(read_json(lists[0]), "scene_splits", str(lists[0]))
+    where = str(lists[0])
+    splits = field(read_json(lists[0]), "scene_splits", where)
+    if not isinstance(splits, dict):
+        raise ValueError(f"{where}: 'scene_splits' names lists by number, got {shown(splits)}")
     if split is not None and str(split) not in splits:
         raise ValueError(f"{lists[0]}: no split {split}, there are {', '.join(splits)}")
     chosen = [splits[str(split)]] if split is not None else list(splits.values())
-    names = dict.fromkeys(str(name) for entry in chosen for name in field(entry, "filenames", str(lists[0])))
-    if not names:
-        raise ValueError(f"{lists[0]}: lists no scenes")
-    return [root / name for name in names]
+    paths = dict.fromkeys(inside(root, name, where) for entry in chosen for name in rows_of(entry, "filenames", where))
+    if not paths:
+        raise ValueError(f"{where}: lists no scenes")
+    return list(paths)
 
 
 def _scene_name(path: Path, root: Path) -> str:
     return "-".join(path.parent.relative_to(root).parts) or root.name
+
+
+def _side(datum: Datum, side: str) -> int:
+    return whole(field(datum.content, side, datum.where), f"{datum.where}: {side}", 1, _LARGEST_SIDE_PX)
 
 
 def _vehicle_from(calibration: Calibration, datum: Datum) -> Pose:
@@ -160,7 +176,7 @@ def _world_from_ego(sample: DgpSample, calibration: Calibration) -> Pose:
 
 
 def _lidar(sample: DgpSample, datum: Datum, calibration: Calibration) -> PointCloudFile:
-    columns = [str(name) for name in field(datum.content, "point_format", datum.where)]
+    columns = columns_of(datum.content, datum.where)
     ego_from_lidar = _vehicle_from(calibration, datum)
     return PointCloudFile(datum.path, columns, ego_from_lidar, _rays_start(sample, ego_from_lidar, calibration))
 

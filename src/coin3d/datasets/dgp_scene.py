@@ -8,7 +8,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from coin3d.datasets.dgp_files import Calibration, field, read_calibration, read_json, read_pose, read_time_ns
+from coin3d.datasets.dgp_files import (
+    Calibration,
+    field,
+    name_of,
+    read_calibration,
+    read_json,
+    read_pose,
+    read_time_ns,
+    rows_of,
+)
+from coin3d.datasets.inside import inside, plain_name
+from coin3d.datasets.json_values import shown, whole
 from coin3d.geometry import Pose
 
 _BOXES_3D = "1"
@@ -40,13 +51,16 @@ class Datum:
     @property
     def path(self) -> Path:
         """The image or point cloud."""
-        return self.folder / str(field(self.content, "filename", self.where))
+        return inside(self.folder, field(self.content, "filename", self.where), f"{self.where}: filename")
 
     @property
     def boxes_path(self) -> Path | None:
-        """Its 3D annotations, if there are any."""
-        name = (self.content.get("annotations") or {}).get(_BOXES_3D)
-        return None if name is None else self.folder / str(name)
+        """Its 3D annotations, if there are any; raises ValueError."""
+        listed = self.content.get("annotations") or {}
+        if not isinstance(listed, Mapping):
+            raise ValueError(f"{self.where}: 'annotations' names files by kind, got {shown(listed)}")
+        name = listed.get(_BOXES_3D)
+        return None if name is None else inside(self.folder, name, f"{self.where}: annotations")
 
     def world_from_sensor(self) -> Pose:
         """Pose of the sensor at the time of this datum; raises ValueError."""
@@ -96,11 +110,16 @@ class DgpScene:
     def __init__(self, path: Path, name: str) -> None:
         self.path, self.name, self.folder = path, name, path.parent
         content = read_json(path)
-        self._ontologies: Mapping[str, str] = content.get("ontologies") or {}
+        rows, samples = rows_of(content, "data", str(path)), rows_of(content, "samples", str(path))
+        self._ontologies = content.get("ontologies") or {}
         self._calibrations: dict[str, Calibration] = {}
-        data = {d.key: d for d in (self._datum(row) for row in field(content, "data", str(path))) if d is not None}
-        listed = {str(row.get("key")) for row in content["data"]}
-        self.samples = [self._sample(row, n, data, listed) for n, row in enumerate(field(content, "samples", str(path)))]
+        data: dict[str, Datum | None] = {}
+        for row in rows:
+            key, datum = self._datum(row)
+            if key in data:
+                raise ValueError(f"{path}: the datum '{key}' is there twice")
+            data[key] = datum
+        self.samples = [self._sample(row, n, data) for n, row in enumerate(samples)]
         if not self.samples:
             raise ValueError(f"{path}: the scene has no samples")
         self.samples.sort(key=lambda sample: sample.reference.time_ns)
@@ -115,28 +134,46 @@ class DgpScene:
     @cached_property
     def categories(self) -> dict[int, str]:
         """Class id -> name of the 3D annotations; raises ValueError if the ontology is missing or damaged."""
-        key = field(self._ontologies, _BOXES_3D, f"{self.path}: ontologies")
+        where = f"{self.path}: ontologies"
+        key = plain_name(field(self._ontologies, _BOXES_3D, where), where)
         path = self.folder / "ontology" / f"{key}.json"
-        items = field(read_json(path), "items", str(path))
-        return {int(field(item, "id", str(path))): str(field(item, "name", str(path))) for item in items}
+        found: dict[int, str] = {}
+        for item in rows_of(read_json(path), "items", str(path)):
+            class_id = whole(field(item, "id", str(path)), f"{path}: id", -(2**31), 2**31)
+            if class_id in found:
+                raise ValueError(f"{path}: the class id {class_id} is there twice")
+            found[class_id] = name_of(item, "name", str(path))
+        return found
 
-    def _datum(self, row: Any) -> Datum | None:
-        where = f"{self.path}: datum '{row.get('key') if isinstance(row, dict) else row}'"
+    def _datum(self, row: Any) -> tuple[str, Datum | None]:
+        key = name_of(row, "key", f"{self.path}: a datum")
+        where = f"{self.path}: datum '{key}'"
         identity, kinds = field(row, "id", where), field(row, "datum", where)
+        if not isinstance(kinds, Mapping):
+            raise ValueError(f"{where}: 'datum' holds an image or a point cloud, got {shown(kinds)}")
         kind = next((k for k in ("image", "point_cloud") if k in kinds), None)
         if kind is None:
-            return None  # radar and other sensors
+            return key, None  # radar and other sensors
+        if not isinstance(kinds[kind], Mapping):
+            raise ValueError(f"{where}: '{kind}' has fields, got {shown(kinds[kind])}")
         time_ns = read_time_ns(field(identity, "timestamp", where), where)
-        name = str(field(identity, "name", where))
-        return Datum(str(field(row, "key", where)), name, kind, time_ns, kinds[kind], self.folder, where)
+        name = plain_name(field(identity, "name", where), f"{where}: name")
+        return key, Datum(key, name, kind, time_ns, kinds[kind], self.folder, where)
 
-    def _sample(self, row: Any, number: int, data: Mapping[str, Datum], listed: set[str]) -> DgpSample:
+    def _sample(self, row: Any, number: int, data: Mapping[str, Datum | None]) -> DgpSample:
         where = f"{self.path}: sample {number}"
-        keys = [str(key) for key in field(row, "datum_keys", where)]
-        if dangling := [key for key in keys if key not in listed]:
-            raise ValueError(f"{where} lists the datum '{dangling[0]}', which the scene does not have: rows were removed")
-        own = {data[key].name: data[key] for key in keys if key in data}
-        sample = DgpSample({name: own[name] for name in sorted(own)}, str(field(row, "calibration_key", where)))
+        own: dict[str, Datum] = {}
+        for key in rows_of(row, "datum_keys", where):
+            if not isinstance(key, str) or key not in data:
+                raise ValueError(f"{where} lists the datum {shown(key)}, which the scene does not have: rows were removed")
+            datum = data[key]
+            if datum is None:
+                continue
+            if datum.name in own:
+                raise ValueError(f"{where} lists two data of the sensor '{datum.name}'")
+            own[datum.name] = datum
+        calibration = plain_name(field(row, "calibration_key", where), f"{where}: calibration_key")
+        sample = DgpSample({name: own[name] for name in sorted(own)}, calibration)
         if not sample.cameras:
             raise ValueError(f"{where} has no camera images")
         return sample

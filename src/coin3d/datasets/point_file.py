@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from coin3d.datasets.frame import LidarScan
+from coin3d.datasets.npz_file import HEADER_ERRORS
 from coin3d.datasets.pcd_file import read_pcd
 from coin3d.geometry import Pose
 
@@ -84,7 +85,7 @@ class PointFile:
         try:
             # mapped, so that a header which announces more than the file holds is found out before memory is taken
             array = np.lib.format.open_memmap(self.path, mode="r")
-        except (ValueError, OSError, EOFError, SyntaxError, TypeError, OverflowError) as error:
+        except HEADER_ERRORS as error:
             raise ValueError(f"{self.path}: not a complete NumPy array ({error})") from error
         if array.ndim != 2 or array.shape[1] != len(self.columns) or array.dtype.kind not in "fiu":
             raise ValueError(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from coin3d.datasets.json_stream import JsonStream
 from coin3d.evaluation.box_table import BoxTable
 from coin3d.geometry import Boxes3D, Pose
 
+_LARGEST = 1e12
+"""No metre or score is beyond."""
 _META = {"use_camera": True, "use_lidar": False, "use_radar": False, "use_map": False, "use_external": False}
 # the task has no name for all two-wheelers
 DETECTION_NAMES: Mapping[str, str] = {
@@ -120,23 +123,30 @@ def _columns(token: str, boxes: Any, world_from_ego: Pose, class_map: ClassMap) 
 
 def _numbers(boxes: list[tuple[int, dict[str, Any]]], field: str, width: int) -> Float[np.ndarray, "k ..."]:
     """A field of all boxes, (K, width), or (K,) for width 0."""
-    shape = (width,) if width else ()
     values = [box.get(field) for _, box in boxes]
+    column = _array(values, width)
+    if column is not None:
+        return column
+    what = f"{width} finite numbers" if width else "a finite number"
+    for (i, _), value in zip(boxes, values, strict=True):
+        if _array([value], width) is None:
+            raise ValueError(f"box {i} has the {field} {value!r:.80}, which should be {what}")
+    return np.zeros((0, width) if width else 0)
+
+
+def _array(values: list[Any], width: int) -> Float[np.ndarray, "k ..."] | None:
+    """One row per value, None unless all are numbers of sane size and as many as there should be."""
     try:
         column = np.array(values)
     except ValueError:
-        column = np.array(None)
-    if column.shape == (len(boxes), *shape) and column.dtype.kind in "if" and np.isfinite(column).all():
-        return np.asarray(column, dtype=np.float64)
-    what = f"{width} finite numbers" if width else "a finite number"
-    for (i, _), value in zip(boxes, values, strict=True):
-        try:
-            one = np.array(value)
-        except ValueError:
-            one = np.array(None)
-        if one.shape != shape or one.dtype.kind not in "if" or not np.isfinite(one).all():
-            raise ValueError(f"box {i} has the {field} {value!r:.80}, which should be {what}")
-    return np.zeros((0, *shape))
+        return None
+    if column.shape != (len(values), width)[: 1 + (width > 0)] or column.dtype.kind not in "if":
+        return None
+    # among numbers, NumPy takes true for 1
+    if bool in set(map(type, chain.from_iterable(values) if width else values)):
+        return None
+    sane = ((column >= -_LARGEST) & (column <= _LARGEST)).all()
+    return np.asarray(column, dtype=np.float64) if sane else None
 
 
 def _table(path: Path, found: dict[str, _Columns], classes: tuple[str, ...]) -> BoxTable:

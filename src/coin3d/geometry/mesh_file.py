@@ -40,9 +40,10 @@ def load_mesh(path: Path) -> TriangleMesh:
     content = path.read_bytes()
     header, end, body = content.partition(b"end_header\n")
     lines = header.decode("ascii", errors="replace").split("\n")
-    counts = {words[1]: int(words[2]) for words in (line.split() for line in lines) if words[:1] == ["element"]}
+    elements = [line.split() for line in lines if line.startswith("element ")]
+    counts = {words[1]: int(words[2]) for words in elements if len(words) == 3 and words[2].isdecimal() and len(words[2]) < 16}
     expected = ["float x", "float y", "float z", "list uchar int vertex_indices"]
-    if not end or "format binary_little_endian 1.0" not in lines or set(counts) != {"vertex", "face"}:
+    if not end or "format binary_little_endian 1.0" not in lines or set(counts) != {"vertex", "face"} or len(elements) != 2:
         raise ValueError(f"{path}: not a binary little-endian PLY with vertices and faces")
     if [line.removeprefix("property ") for line in lines if line.startswith("property")] != expected:
         raise ValueError(f"{path}: a PLY with other properties than {', '.join(expected)}; load it with a mesh library")
@@ -53,4 +54,7 @@ def load_mesh(path: Path) -> TriangleMesh:
     faces = np.frombuffer(body, dtype=_FACE_RECORD, offset=12 * counts["vertex"])
     if (faces["count"] != 3).any():
         raise ValueError(f"{path}: has faces that are not triangles")
-    return TriangleMesh.create(vertices, faces["corners"])
+    try:
+        return TriangleMesh.create(vertices, faces["corners"])
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}; make it again") from error

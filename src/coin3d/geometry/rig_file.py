@@ -17,6 +17,7 @@ from coin3d.geometry.lens_fisheye import Fisheye
 from coin3d.geometry.pose import Pose, camera_pose
 from coin3d.geometry.rig import Rig
 from coin3d.records import write_bytes
+from coin3d.yaml_documents import LARGEST_BYTES, read_yaml
 
 _RIG_KEYS = {"name", "cameras", "pixel_origin", "ground", "ego_from_vehicle"}
 _CAMERA_KEYS = {
@@ -24,6 +25,7 @@ _CAMERA_KEYS = {
     "distortion", "fisheye",
 }  # fmt: skip
 _PIXEL_ORIGINS = {"opencv": 0.5, "edge": 0.0}
+_LARGEST_SIDE_PX = 32767
 
 
 def load_rig(path: Path | str) -> Rig:
@@ -35,14 +37,16 @@ def load_rig(path: Path | str) -> Rig:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such rig file; docs/your_rig.md shows one")
+    if path.stat().st_size > LARGEST_BYTES:
+        raise ValueError(f"{path}: {path.stat().st_size / 2**20:.1f} MiB is too large for a rig file (limit 1 MiB)")
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        documents = read_yaml(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError as error:
         raise ValueError(f"{path}: not readable as YAML: {error}") from error
-    except RecursionError as error:
-        raise ValueError(f"{path}: not readable as YAML: nested too deeply") from error
+    if len(documents) > 1:
+        raise ValueError(f"{path}: holds {len(documents)} YAML documents; a rig file is one, without '---' between")
     try:
-        return rig_from_dict(data, default_name=path.stem)
+        return rig_from_dict(documents[0] if documents else None, default_name=path.stem)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -58,14 +62,17 @@ def rig_from_dict(data: Any, default_name: str = "rig") -> Rig:
         raise ValueError("a rig file holds 'cameras:' with one entry per camera; docs/your_rig.md shows one")
     _no_unknown_keys(data, _RIG_KEYS, "the rig")
     origin = data.get("pixel_origin", "opencv")
-    if origin not in _PIXEL_ORIGINS:
+    if not isinstance(origin, str) or origin not in _PIXEL_ORIGINS:
         raise ValueError(f"pixel_origin is 'opencv' (pixel centres at whole numbers) or 'edge', got {short(origin)}")
     ego_from_vehicle = _pose(data["ego_from_vehicle"], "ego_from_vehicle") if "ego_from_vehicle" in data else Pose.identity()
     cameras = {
         str(name): _camera(str(name), entry, _PIXEL_ORIGINS[origin], ego_from_vehicle)
         for name, entry in data["cameras"].items()
     }
-    return Rig(cameras, _ground(data.get("ground")), ego_from_vehicle, str(data.get("name", default_name)))
+    name = data.get("name", default_name)
+    if not isinstance(name, (str, int, float)):
+        raise ValueError(f"name is a text, got {short(name)}")
+    return Rig(cameras, _ground(data.get("ground")), ego_from_vehicle, str(name))
 
 
 def rig_to_dict(rig: Rig) -> dict[str, Any]:
@@ -92,6 +99,8 @@ def _camera(name: str, entry: Any, pixel_shift: float, ego_from_vehicle: Pose) -
         raise ValueError(f"{where}: expected keys such as size, focal, position, yaw_deg, got {short(entry)}")
     _no_unknown_keys(entry, _CAMERA_KEYS, where)
     width, height = _numbers(entry, "size", 2, where)
+    if not all(side == int(side) and side <= _LARGEST_SIDE_PX for side in (width, height)):
+        raise ValueError(f"{where}: 'size' is whole pixels, at most {_LARGEST_SIDE_PX} a side, got {short(entry['size'])}")
     try:
         K = _intrinsics(entry, width, height, pixel_shift, where)
         vehicle_from_cam = _mount(entry, where)

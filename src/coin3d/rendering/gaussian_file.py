@@ -117,8 +117,14 @@ def _code_std(std: Float32[np.ndarray, "c 256"]) -> _Std:
 
 def _decode(tensors: dict[str, np.ndarray]) -> Gaussians:
     rgb, std_code, exact = tensors["rgb"], tensors["std"], tensors["exact"].astype(bool)
-    n, chunks = len(rgb), len(exact)
-    if -(-n // CHUNK) != chunks or len(std_code) != n:
+    n, chunks, whole = len(rgb), len(exact), int(exact.sum())
+    shapes = {
+        "rgb": (n, 3), "std": (n,), "exact": (chunks,), "corner_m": (chunks, 3), "step_m": (chunks,),
+        "std_range_m": (chunks, 2), "centre": ((chunks - whole) * CHUNK, 3), "exact_centre_m": (whole * CHUNK, 3),
+    }  # fmt: skip
+    if wrong := [name for name, shape in shapes.items() if tensors[name].shape != shape]:
+        raise ValueError(f"'{wrong[0]}' has the shape {tensors[wrong[0]].shape}, expected {shapes[wrong[0]]}")
+    if -(-n // CHUNK) != chunks:
         raise ValueError(f"{n} colours, {len(std_code)} standard deviations and {chunks} chunks do not belong together")
     corner, step = tensors["corner_m"], tensors["step_m"]
     centre = np.empty((chunks, CHUNK, 3), np.float32)

@@ -49,7 +49,7 @@ class GaussianFolder:
             names = content.get("raw_only", {})
             if not isinstance(names, dict):
                 raise ValueError("raw_only is not an object")
-        except (ValueError, AttributeError) as error:
+        except (ValueError, AttributeError, RecursionError) as error:
             raise ValueError(f"{path}: not a JSON object with scene -> reason under 'raw_only' ({error})") from error
         return cls(root, frozenset(map(str, names)))
 
@@ -64,6 +64,8 @@ class GaussianFolder:
             ValueError: the file is damaged.
         """
         path = self.path(scene, token)
+        if path.parent.parent != self.root:
+            raise ValueError(f"{self.root}: the scene '{scene}' or frame '{token}' is no name of a file")
         return None if scene in self.raw_only or not path.is_file() else load_gaussians(path)
 
 

@@ -146,10 +146,10 @@ def _model(name: str, params: list[float]) -> tuple[np.ndarray, Lens]:
         raise ValueError(f"the camera model {name} is not supported, only {', '.join(counts)}")
     if len(params) != counts[name]:
         raise ValueError(f"the camera model {name} has {counts[name]} parameters, got {len(params)}")
-    if not (params[0] > 0):
-        raise ValueError(f"a focal length is more than 0, got {params[0]:g}")
     one_focal = name.startswith(("SIMPLE_", "RADIAL"))
     fx, fy, cx, cy = (params[0], params[0], *params[1:3]) if one_focal else params[:4]
+    if not min(fx, fy) > 0:
+        raise ValueError(f"a focal length is more than 0, got {min(fx, fy):g}")
     rest = params[3:] if one_focal else params[4:]
     K = intrinsics(fx, fy, cx, cy, _PIXEL_SHIFT)
     if not rest:

@@ -7,12 +7,11 @@ from reprlib import repr as short
 from typing import Any
 
 import numpy as np
-import yaml
 from jaxtyping import Float
 
 from coin3d.geometry import BrownConrady, Fisheye, Lens, Pinhole, Pose
+from coin3d.yaml_documents import LARGEST_BYTES, read_yaml
 
-_LARGEST_BYTES = 2**20
 _LARGEST_SIDE_PX = 32767
 
 
@@ -22,7 +21,7 @@ def read_text(path: Path) -> str:
     Raises:
         ValueError: larger than 1 MiB, or not text.
     """
-    if path.stat().st_size > _LARGEST_BYTES:
+    if path.stat().st_size > LARGEST_BYTES:
         raise ValueError(f"{path}: {path.stat().st_size / 2**20:.1f} MiB is too large for a calibration (limit 1 MiB)")
     try:
         return path.read_text(encoding="utf-8")
@@ -36,11 +35,7 @@ def read_documents(path: Path) -> list[Any]:
     Raises:
         ValueError: not YAML.
     """
-    try:
-        return [document for document in yaml.safe_load_all(read_text(path)) if document is not None]
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        message = str(error) if not isinstance(error, RecursionError) else "nested too deeply"
-        raise ValueError(message if message.startswith(str(path)) else f"{path}: not readable as YAML: {message}") from error
+    return [document for document in read_yaml(read_text(path), str(path)) if document is not None]
 
 
 def entry(data: Any, key: str, where: str) -> Any:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from coin3d.datasets.frame import Frame, Recording
+from coin3d.datasets.inside import plain_name
 from coin3d.geometry import save_rig
 from coin3d.records import from_plain, to_plain, write_json
 from coin3d.rendering.gaussian_folder import RIG_FILE, SCENES_FILE
@@ -221,7 +222,8 @@ def _jobs(recording: Recording, out: Path, options: BuildOptions) -> list[SceneJ
                 f"frame {frame.token} has no boxes: scenes are split by annotations into background and objects, so they "
                 "can only be built from an annotated recording"
             )
-        by_scene.setdefault(frame.scene or "scene", []).append(frame)
+        plain_name(frame.token, "a frame's token")  # scenes and frames become names of files
+        by_scene.setdefault(plain_name(frame.scene or "scene", f"frame {frame.token}: scene"), []).append(frame)
     jobs = []
     for name, frames in by_scene.items():
         frames.sort(key=lambda frame: frame.timestamp_ns)

@@ -13,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from coin3d.datasets.frame import Frame
+from coin3d.datasets.inside import plain_name
 from coin3d.geometry.mesh import TriangleMesh
 from coin3d.geometry.mesh_file import load_mesh, save_mesh
 from coin3d.records import write_bytes, write_json
@@ -81,9 +82,22 @@ def write_meshes(files: SceneFiles, meshes: SceneMeshes) -> None:
 
 
 def read_meshes(files: SceneFiles) -> tuple[TriangleMesh, dict[str, TriangleMesh]]:
-    """Background (world frame) and objects (box frames) of a scene."""
-    index = json.loads(files.mesh_index.read_text())["objects"]
-    objects = {name: load_mesh(files.meshes / entry["file"]) for name, entry in index.items() if entry["file"]}
+    """Background (world frame) and objects (box frames) of a scene.
+
+    Raises:
+        FileNotFoundError: a mesh is missing.
+        ValueError: a file is damaged.
+    """
+    where = str(files.mesh_index)
+    try:
+        index = json.loads(files.mesh_index.read_text())["objects"]
+        names = {name: plain_name(entry["file"], f"{where}: {name}") for name, entry in index.items() if entry["file"]}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        message = str(error)
+        raise ValueError(
+            message if message.startswith(where) else f"{where}: damaged ({error}); build the scene again"
+        ) from error
+    objects = {name: load_mesh(files.meshes / file) for name, file in names.items()}
     return load_mesh(files.meshes / "background.ply"), objects
 
 
@@ -99,20 +113,17 @@ def write_views(path: Path, views: Sequence[SeenView]) -> None:
 
 
 def read_views(path: Path, frame: Frame, width_px: int) -> list[SeenView]:
-    """The views of a frame as they were written, with their images."""
+    """The views of a frame as they were written, with their images; raises ValueError where the file is damaged."""
     tensors = _read(path)
-    return [
-        SeenView(
-            view.name,
-            view.camera,
-            view.rgb,
-            tensors[f"{view.name}/depth_m"],
-            tensors[f"{view.name}/source"],
-            tensors[f"{view.name}/box"].astype(np.int32),
-            tensors[f"{view.name}/behind_m"],
-        )
-        for view in load_views(frame, width_px)
-    ]
+    views = []
+    for view in load_views(frame, width_px):
+        names = [f"{view.name}/{what}" for what in ("depth_m", "source", "box", "behind_m")]
+        sizes = {tensors[name].shape if name in tensors else None for name in names}
+        if sizes != {view.rgb.shape[:2]}:
+            raise ValueError(f"{path}: depth of '{view.name}' is missing or of another size; delete it and build again")
+        depth_m, source, box, behind_m = (tensors[name] for name in names)
+        views.append(SeenView(view.name, view.camera, view.rgb, depth_m, source, box.astype(np.int32), behind_m))
+    return views
 
 
 def write_models(path: Path, models: dict[str, ObjectPoints]) -> None:
@@ -126,14 +137,17 @@ def write_models(path: Path, models: dict[str, ObjectPoints]) -> None:
 
 
 def read_models(path: Path) -> dict[str, ObjectPoints]:
-    """The point models of a scene."""
+    """The point models of a scene; raises ValueError where the file is damaged."""
     tensors = _read(path)
-    with safe_open(path, framework="numpy") as file:
-        names = json.loads(file.metadata()["spacing_m"])
-    return {
-        name: ObjectPoints(tensors[f"{number}/points_m"], tensors[f"{number}/rgb"], spacing)
-        for number, (name, spacing) in enumerate(names.items())
-    }
+    try:
+        with safe_open(path, framework="numpy") as file:
+            names = json.loads((file.metadata() or {})["spacing_m"])
+        return {
+            name: ObjectPoints(tensors[f"{number}/points_m"], tensors[f"{number}/rgb"], float(spacing))
+            for number, (name, spacing) in enumerate(names.items())
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"{path}: the point models in it are damaged ({error}); delete it and build again") from error
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from torch import Tensor
 from coin3d.detectors import DETECTORS, TRAINABLE, Detector
 from coin3d.methods import METHODS
 from coin3d.records import from_plain, to_plain, write_bytes
+from coin3d.training.build_guard import build_within
 
 FORMAT = 1
 _TRUNK = "backbone."
@@ -67,11 +69,26 @@ def read_description(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not a complete safetensors file ({error}); is it truncated?") from error
     if "coin3d" not in metadata:
         raise ValueError(f"{path}: a safetensors file, but not a checkpoint made by coin3d train or convert")
-    description: dict[str, Any] = json.loads(metadata["coin3d"])
+    description = _parsed(metadata["coin3d"], path)
     if description.get("format") != FORMAT:
         raise ValueError(f"{path}: checkpoint format {description.get('format')}, this version reads {FORMAT}")
     if missing := [key for key in ("detector", "config", "classes", "method", "options") if key not in description]:
         raise ValueError(f"{path}: the description in the checkpoint lacks {', '.join(missing)}")
+    kinds = {"config": dict, "options": dict, "classes": list}
+    if wrong := [key for key, kind in kinds.items() if not isinstance(description[key], kind)]:
+        raise ValueError(f"{path}: {', '.join(wrong)} in the description of the checkpoint make no sense; is it damaged?")
+    if not all(isinstance(name, str) for name in description["classes"]):
+        raise ValueError(f"{path}: the classes in the description of the checkpoint are no names; is it damaged?")
+    return description
+
+
+def _parsed(text: str, path: Path) -> dict[str, Any]:
+    try:
+        description = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: the description in the checkpoint is not JSON ({error}); is it damaged?") from error
+    if not isinstance(description, dict):
+        raise ValueError(f"{path}: the description in the checkpoint is no set of fields; is it damaged?")
     return description
 
 
@@ -85,14 +102,20 @@ def load_checkpoint(path: Path) -> tuple[Detector, dict[str, Any]]:
     if d["detector"] == "trunk":
         raise ValueError(f"{path}: a pre-trained trunk, which detects nothing; give it to coin3d train --trunk")
     for key, known in (("detector", DETECTORS), ("method", METHODS)):
-        if d[key] not in known:
+        if not isinstance(d[key], str) or d[key] not in known:
             raise ValueError(f"{path}: made with the {key} '{d[key]}', known are {', '.join(known)}")
     try:
         config: Any = from_plain(DETECTORS[d["detector"]][0], {**d["config"], "pretrained": False})
         options: Any = from_plain(METHODS[d["method"]][0], d["options"])
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    model = build_detector(d["detector"], config, tuple(d["classes"]), d["method"], options)
+    if not re.fullmatch(r"\w[\w.-]{0,79}", str(getattr(config, "backbone", "none"))):  # some names make timm ask the network
+        raise ValueError(f"{path}: made with the backbone '{config.backbone:.80}', which is no name of a network")
+    model = build_within(
+        lambda: build_detector(d["detector"], config, tuple(d["classes"]), d["method"], options),
+        _shapes_in(path),
+        str(path),
+    )
     load_weights(model, path)
     return model.eval(), d
 
@@ -140,6 +163,14 @@ def load_trunk(model: Detector, path: Path) -> None:
     model.load_state_dict({name: weights[name].to(tensor.dtype) for name, tensor in own.items()}, strict=False)
 
 
-def _tensors(path: Path) -> dict[str, Tensor]:
+def _shapes_in(path: Path) -> list[list[int]]:
     with safe_open(path, framework="pt") as file:
-        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        return [file.get_slice(name).get_shape() for name in file.keys()]  # noqa: SIM118
+
+
+def _tensors(path: Path) -> dict[str, Tensor]:
+    try:
+        with safe_open(path, framework="pt") as file:
+            return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, RuntimeError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path}: its weights cannot be read ({error}); is it damaged?") from error

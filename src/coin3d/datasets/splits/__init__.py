@@ -16,6 +16,8 @@ SplitChoice = str | Path | Collection[str]
 
 _FOLDER = Path(__file__).parent
 _SHOWN = 3
+_LARGEST_LIST = 2**24
+_LONGEST_NAME = 200
 
 
 @cache
@@ -86,6 +88,8 @@ def read_names(path: Path) -> list[str]:
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such list of scenes; it is a text file with one name per line")
+    if path.stat().st_size > _LARGEST_LIST:
+        raise ValueError(f"{path}: {path.stat().st_size} bytes are too many for a list of scenes (limit {_LARGEST_LIST})")
     try:
         lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
     except ValueError as error:
@@ -93,6 +97,8 @@ def read_names(path: Path) -> list[str]:
     names = [line for line in lines if line and not line.startswith("#")]
     if not names:
         raise ValueError(f"{path}: lists no scenes")
+    if long := next((name for name in names if len(name) > _LONGEST_NAME or not name.isprintable()), None):
+        raise ValueError(f"{path}: '{long[:40]!r}...' is no name of a scene; is this a list with one name per line?")
     if len(set(names)) < len(names):
         twice = sorted(name for name, count in Counter(names).items() if count > 1)
         raise ValueError(f"{path}: lists {_some('scene', twice)} more than once")
