@@ -124,6 +124,7 @@ def test_what_must_not_pass(tmp_path: Path, change: dict[str, Any], message: str
         ({"backbone": "hf-hub:somebody/something"}, "no name of a network"),
         ({"backbone": "../weights"}, "no name of a network"),
         ({"backbone": "resnet999"}, "no detector can be built"),
+        ({"strides": [0, 16]}, "makes no sense|no detector can be built"),
         ({"neck_channels": -1}, "no detector can be built"),
         ({"context_channels": 0}, "no detector can be built|weight|shape"),
     ],

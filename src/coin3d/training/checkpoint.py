@@ -107,8 +107,8 @@ def load_checkpoint(path: Path) -> tuple[Detector, dict[str, Any]]:
     try:
         config: Any = from_plain(DETECTORS[d["detector"]][0], {**d["config"], "pretrained": False})
         options: Any = from_plain(METHODS[d["method"]][0], d["options"])
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    except (ValueError, TypeError, ArithmeticError, LookupError, AttributeError) as error:  # a stride of 0 divides something
+        raise ValueError(f"{path}: the description in the checkpoint makes no sense: {error}") from error
     if not re.fullmatch(r"\w[\w.-]{0,79}", str(getattr(config, "backbone", "none"))):  # some names make timm ask the network
         raise ValueError(f"{path}: made with the backbone '{config.backbone:.80}', which is no name of a network")
     model = build_within(
