@@ -105,6 +105,8 @@ def _boxes(boxes: Any, world_from_ego: Pose | None) -> list[dict[str, Any]]:
         }
         if np.isfinite(boxes.velocity_mps[i]).all():
             row["velocity_mps"] = boxes.velocity_mps[i].tolist()
+        if boxes.visibility[i]:
+            row["visibility"] = int(boxes.visibility[i])
         rows.append(row)
     return rows
 

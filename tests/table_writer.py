@@ -148,7 +148,7 @@ def _annotate(tables: Tables, frame: Any, annotated: dict[str, dict[str, Any]], 
             "num_lidar_pts": -1 if dialect.is_lyft else int(boxes.num_lidar_points[i]),
             "num_radar_pts": 0,
             "attribute_tokens": ["parked", "standing"] if dialect.is_lyft else [],
-            "visibility_token": "" if dialect.is_lyft else "4",
+            "visibility_token": "" if dialect.is_lyft else str(boxes.visibility[i] or ""),
             "prev": "",
             "next": "",
         }

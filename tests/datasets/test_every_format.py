@@ -77,16 +77,21 @@ class Format:
     velocities_lean: bool = False
     colour_levels: float = 0.0
     counts_points: bool = True
+    knows_visibility: bool = False
     fits_ground: bool = False
 
 
 FORMATS = {
-    "nuscenes": Format(write_nuscenes, NuScenesRecording, TOWN, FLOAT32_M, colour_levels=JPEG_LEVELS),
+    "nuscenes": Format(
+        write_nuscenes, NuScenesRecording, TOWN, FLOAT32_M, colour_levels=JPEG_LEVELS, knows_visibility=True
+    ),
     "lyft": Format(
         write_lyft, NuScenesRecording, LYFT_NAMES, FLOAT32_M, colour_levels=JPEG_LEVELS, counts_points=False
     ),
     "dgp": Format(write_dgp, DgpRecording, DGP_NAMES, boxes_lean=True, fits_ground=True),
-    "own": Format(write_own, OwnRecording, TOWN, FLOAT32_M, boxes_lean=True, velocities_lean=True),
+    "own": Format(
+        write_own, OwnRecording, TOWN, FLOAT32_M, boxes_lean=True, velocities_lean=True, knows_visibility=True
+    ),
     "waymo v1": Format(write_waymo_v1, WaymoV1Recording, WAYMO_NAMES, boxes_lean=True),
     "waymo v2": Format(write_waymo_v2, WaymoV2Recording, WAYMO_NAMES, boxes_lean=True),
 }  # fmt: skip
@@ -103,14 +108,19 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     form = FORMATS[request.param]
     named = [relabelled(drive, dict(zip(TOWN, form.names, strict=True))) for drive in drives]
     root = form.write(tmp_path_factory.mktemp("recording"), named)
-    truth = [frame if form.counts_points else without_counts(frame) for drive in named for frame in drive.frames]
+    truth = [as_stored(frame, form) for drive in named for frame in drive.frames]
     return form, root, truth
 
 
-def without_counts(frame: Frame) -> Frame:
+def as_stored(frame: Frame, form: Format) -> Frame:
+    """The frame without what the format has no place for."""
     boxes = frame.boxes_world
     assert boxes is not None
-    return frame.with_boxes_world(replace(boxes, num_lidar_points=np.full(len(boxes), -1)))
+    if not form.counts_points:
+        boxes = replace(boxes, num_lidar_points=np.full(len(boxes), -1))
+    if not form.knows_visibility:
+        boxes = replace(boxes, visibility=np.zeros(len(boxes), dtype=np.int64))
+    return frame.with_boxes_world(boxes)
 
 
 def lean_rad(pose: Pose) -> float:
@@ -125,6 +135,7 @@ def test_the_drives_are_worth_writing(drives: list[Drive]) -> None:
     assert {str(label) for table in boxes for label in table.labels} >= {"vehicle.car", "human.pedestrian.adult"}
     speed = np.concatenate([np.linalg.norm(table.velocity_mps, axis=1) for table in boxes])
     assert np.isnan(speed).any() and np.nanmax(speed) > 1
+    assert len({level for table in boxes for level in table.visibility.tolist()}) > 1
     assert max(lean_rad(frame.world_from_ego) for frame in frames) > 0.005
     assert min(len(frame.lidar.load().points_ego) for frame in frames) > 500
     moved = [c.ego_from_cam.translation - drives[0].mounts[n].ego_from_cam.translation for n, c in frames[0].rig.items()]

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import struct
+import time
+import tracemalloc
+import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +18,7 @@ from hypothesis import strategies as st
 
 from coin3d.augmentation import RecordedImage, View
 from coin3d.datasets.frame import Frame
-from coin3d.datasets.image_source import load_image, read_image, reduction_to
+from coin3d.datasets.image_source import decode_image, load_image, read_image, reduction_to
 from coin3d.datasets.undistorted import undistorted
 from coin3d.geometry import Camera, Rig, camera_pose, fit_width
 from coin3d.geometry.lens_brown_conrady import BrownConrady
@@ -66,6 +71,48 @@ def test_edges_stay_where_they_are(tmp_path: Path) -> None:
         v, u = np.mgrid[: grey.shape[0], : grey.shape[1]] + 0.5
         centre = np.array([(grey * u).sum(), (grey * v).sum()]) / grey.sum() * reduction
         np.testing.assert_allclose(centre, (211.5, 77.5), atol=0.1)
+
+
+def png_of(width: int, height: int) -> bytes:
+    """A small file that says it is an image of that size."""
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(bytes(1000))), (b"IEND", b"")]
+    packed = [struct.pack(">I", len(c)) + kind + c + struct.pack(">I", zlib.crc32(kind + c)) for kind, c in chunks]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(packed)
+
+
+def jpeg_of(width: int, height: int) -> bytes:
+    content = cv2.imencode(".jpg", np.zeros((16, 16, 3), dtype=np.uint8))[1].tobytes()
+    at = content.index(b"\xff\xc0")
+    return content[: at + 5] + struct.pack(">HH", height, width) + content[at + 9 :]
+
+
+@pytest.mark.parametrize("made", [png_of, jpeg_of])
+@pytest.mark.parametrize("size_px", [(60_000, 60_000), (65_000, 3_000)])
+def test_an_absurd_size_costs_neither_time_nor_memory(made: Callable[[int, int], bytes], size_px: tuple[int, int]) -> None:
+    tracemalloc.start()
+    began = time.process_time()
+    for reduction in (1, 8):
+        with pytest.raises(ValueError, match=f"there: .* {size_px[0]} x {size_px[1]} pixels"):
+            decode_image(np.frombuffer(made(*size_px), dtype=np.uint8), "there", reduction)
+    assert time.process_time() - began < 1 and tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_damaged_images_are_refused_or_decoded_to_their_size(tmp_path: Path, suffix: str) -> None:
+    rng = np.random.default_rng(0)
+    content = saved(tmp_path, suffix, scene()[:64, :64]).read_bytes()
+    for n in range(60):
+        damaged = bytearray(content[: rng.integers(1, len(content))] if n % 3 == 0 else content)
+        for at in rng.integers(0, len(damaged), 3):
+            damaged[at] ^= 1 << rng.integers(8)
+        try:
+            image = decode_image(np.frombuffer(bytes(damaged), dtype=np.uint8), "there")
+        except ValueError as error:
+            assert str(error).startswith("there: ")
+        else:
+            assert image.dtype == np.uint8 and image.ndim == 3 and image.size <= 3 * 2**27
 
 
 @given(st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 4000))

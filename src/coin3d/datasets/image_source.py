@@ -14,6 +14,11 @@ REDUCTIONS = (8, 4, 2)
 
 _REDUCED = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4, 8: cv2.IMREAD_REDUCED_COLOR_8}
 _JPEG = b"\xff\xd8"
+_PNG = b"\x89PNG\r\n\x1a\n"
+_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers of a JPEG after which its size stands (ITU-T T.81, table B.1)."""
+
+_MOST_PIXELS = 1 << 27  # no camera on a vehicle has 134 million
 
 
 @runtime_checkable
@@ -64,16 +69,36 @@ def decode_image(data: UInt8[np.ndarray, "n"], where: str, reduction: int = 1) -
         reduction: 1, 2, 4 or 8; it comes that many times smaller. Its sides should be multiples of it.
 
     Raises:
-        ValueError: truncated or not an image.
+        ValueError: truncated, not an image, or one that says it is absurdly large.
     """
     is_jpeg = data[:2].tobytes() == _JPEG
     if is_jpeg and b"\xff\xd9" not in data[-64:].tobytes():
         raise ValueError(f"{where}: the JPEG is truncated (no end marker); copy it again")
-    pixels = cv2.imdecode(data, _REDUCED[reduction if is_jpeg else 1]) if data.size else None
+    width, height = _announced_size(data)
+    if width * height > _MOST_PIXELS:
+        raise ValueError(f"{where}: says that it is an image of {width} x {height} pixels; is the file damaged?")
+    try:
+        pixels = cv2.imdecode(data, _REDUCED[reduction if is_jpeg else 1]) if data.size else None
+    except cv2.error:
+        pixels = None
     if pixels is None:
         raise ValueError(f"{where}: cannot be decoded as an image; is the file complete?")
     rgb = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels))
     return rgb if is_jpeg else _averaged(rgb, reduction)
+
+
+def _announced_size(data: UInt8[np.ndarray, "n"]) -> tuple[int, int]:
+    """Width and height that a PNG or JPEG says it has, (0, 0) where it does not; decoders take memory for it at once."""
+    if data[:8].tobytes() == _PNG:
+        header = data[16:24].tobytes()
+        return int.from_bytes(header[:4]), int.from_bytes(header[4:])
+    at = 2
+    while data[:2].tobytes() == _JPEG and at + 9 <= len(data) and data[at] == 0xFF:
+        marker, length = int(data[at + 1]), int.from_bytes(data[at + 2 : at + 4].tobytes())
+        if marker in _FRAME_HEADERS:
+            return int.from_bytes(data[at + 7 : at + 9].tobytes()), int.from_bytes(data[at + 5 : at + 7].tobytes())
+        at += 1 if marker == 0xFF else 2 + length
+    return 0, 0
 
 
 def _averaged(image: np.ndarray, reduction: int) -> np.ndarray:
