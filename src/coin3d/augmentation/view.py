@@ -42,7 +42,9 @@ class View:
     def network_image(self) -> UInt8[np.ndarray, "H W 3"]:
         """The network input before normalisation. A recorded image is decoded no larger than it takes."""
         if isinstance(self.image, RecordedImage):
-            return self.transform.image(self.image.frame.image(self.image.camera, at_least_px=self.transform.resized))
+            pixels = self.image.frame.image(self.image.camera, at_least_px=self.transform.resized)
+            averaged = self.transform.resized[0] < pixels.shape[1] < min(2 * self.transform.resized[0], self.camera.width_px)
+            return self.transform.image(pixels, averaged=averaged)
         return self.transform.image(self.image)
 
     def network_camera(self) -> Camera:

@@ -35,9 +35,15 @@ class ImageTransform:
         """The camera of the transformed image."""
         return camera.transformed(self.pixel_map(camera.width_px, camera.height_px), self.width_px, self.height_px)
 
-    def image(self, image: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "H W 3"]:
-        """The transformed image; what the input does not cover is black."""
-        shrinks = self.resized[0] < image.shape[1]
+    def image(self, image: UInt8[np.ndarray, "h w 3"], *, averaged: bool = False) -> UInt8[np.ndarray, "H W 3"]:
+        """The transformed image; what the input does not cover is black.
+
+        Args:
+            image: as the transform expects it, or the same view at another size.
+            averaged: it comes from averaging a larger one, and less than a factor of two is left to shrink: linear
+                interpolation does, and costs far less.
+        """
+        shrinks = self.resized[0] < image.shape[1] and not averaged
         out = image
         if self.resized != (image.shape[1], image.shape[0]):
             out = cv2.resize(image, self.resized, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
