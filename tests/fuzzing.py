@@ -13,12 +13,25 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from coin3d.datasets.frame import Frame, Recording
+
 T = TypeVar("T")
 
 WRONG: tuple[Any, ...] = (
     True, -1, 0, 3.5, 10**30, -(10**30), 1e300, float("nan"), float("inf"), "", "x", "7", "a\x00b", "../../../etc/passwd",
     "/etc/passwd", "C:\\x", [], {}, [[]], [0], {"a": 1}, "y" * 5000,
 )  # fmt: skip
+
+
+def read_through(recording: Recording) -> list[Frame]:
+    """All frames, after their images and sweeps were loaded."""
+    frames = list(recording)
+    for frame in frames:
+        if frame.lidar is not None:
+            frame.lidar.load()
+        for name in frame.rig:
+            frame.image(name)
+    return frames
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:

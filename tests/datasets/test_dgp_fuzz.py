@@ -19,7 +19,7 @@ from coin3d.datasets.frame import Frame
 from coin3d.datasets.open import open_recording
 from coin3d.geometry import GroundPlane, Pose
 from dgp_writer import write_dgp
-from fuzzing import broken_json, damaged, refused
+from fuzzing import broken_json, damaged, read_through, refused
 from same_frames import assert_same
 from waymo_drive import make_drive
 
@@ -45,13 +45,7 @@ def root(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 
 
 def read_all(root: Path) -> list[Frame]:
-    frames = list(open_recording(root))
-    for frame in frames:
-        if frame.lidar is not None:
-            frame.lidar.load()
-        for name in frame.rig:
-            frame.image(name)
-    return frames
+    return read_through(open_recording(root))
 
 
 @pytest.mark.parametrize("kind", FILES)

@@ -17,7 +17,7 @@ from coin3d.datasets.own_recording import OwnRecording
 from coin3d.datasets.point_file import PointFile
 from coin3d.datasets.splits import chosen_scenes, read_names
 from coin3d.geometry import Pose, load_rig, preset_rig, save_rig
-from fuzzing import broken_json, damaged, refused
+from fuzzing import broken_json, damaged, read_through, refused
 from own_writer import write_images, write_own
 from same_frames import assert_same
 from waymo_drive import make_drive
@@ -36,13 +36,7 @@ def root(written: Path, tmp_path: Path) -> Path:
 
 
 def read_all(root: Path) -> list[Frame]:
-    frames = list(OwnRecording(root))
-    for frame in frames:
-        if frame.lidar is not None:
-            frame.lidar.load()
-        for name in frame.rig:
-            frame.image(name)
-    return frames
+    return read_through(OwnRecording(root))
 
 
 def test_lines_with_values_that_make_no_sense(root: Path) -> None:
