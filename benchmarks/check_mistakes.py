@@ -27,8 +27,8 @@ from mistakes import MISTAKES, Changed, has
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "results" / "benchmarks" / "check_mistakes.json"
-SEEDS = {"develop": (0, 2, 4), "report": (1, 3, 5)}
-REAL = {"develop": ("nuscenes_one_frame",), "report": ("ddad_three_frames",)}
+SEEDS = {"develop": (0, 2, 4), "report": (7, 9, 11)}
+REAL = {"develop": ("nuscenes_one_frame", "ddad_three_frames"), "report": ("waymo_v1_one_frame",)}
 WIDTH_PX, KEY_FRAMES, FRAMES_CHECKED = 400, 6, 4
 
 

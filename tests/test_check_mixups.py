@@ -13,8 +13,10 @@ from coin3d.check.box_readings import box_findings
 from coin3d.check.frame_checks import FrameReport, inspect_frame
 from coin3d.check.image_alignment import Alignment, depth_edges, edge_brightness, image_findings
 from coin3d.check.inspection import inspect
+from coin3d.check.lidar_counts import count_findings
 from coin3d.check.motion_checks import heading_findings, pose_findings
 from coin3d.check.rig_checks import rig_findings
+from coin3d.check.sweep_overlap import sweep_findings
 from coin3d.datasets.frame import Frame, LidarScan
 from coin3d.geometry import Boxes3D, Camera, Pose, Rig, camera_pose
 
@@ -219,6 +221,57 @@ def test_poses_by_which_the_vehicle_drives_ahead_are_left_alone_and_inverted_one
     assert finding.about == "poses" and "180 deg" not in finding.text
     (finding,) = pose_findings(Drive(lambda i: ahead(i) @ Pose.from_euler(np.pi, 0, 0, np.zeros(3))))
     assert "180 deg" in finding.text
+
+
+def nearly_back(index: int) -> Pose:
+    """Driving 20 degrees beside the -x axis of the world: inverted, these poses look ahead, too."""
+    yaw = np.deg2rad(160.0)
+    return Pose.from_euler(yaw, 0, 0, 3.0 * index * np.array([np.cos(yaw), np.sin(yaw), 0.0]))
+
+
+@pytest.mark.parametrize("poses", [ahead, nearly_back])
+def test_sweeps_lie_on_each_other_and_do_not_by_inverted_poses(poses: Callable[[int], Pose]) -> None:
+    drive = Drive(poses)
+    around = {"2": {"before": drive[1], "after": drive[3]}}
+    assert sweep_findings([reported(drive[2])], around) == []
+    inverted = {w: replace(f, world_from_ego=f.world_from_ego.inverse()) for w, f in around["2"].items()}
+    now = replace(drive[2], world_from_ego=drive[2].world_from_ego.inverse())
+    (finding,) = sweep_findings([reported(now)], {"2": inverted})
+    assert "100% with the poses inverted (median of 2" in finding.text and finding.about == "poses"
+
+
+def test_inverted_poses_are_named_where_moves_alone_do_not_tell() -> None:
+    drive = Drive(lambda i: nearly_back(i).inverse())
+    assert pose_findings(drive) == []
+    held = [replace(Drive(nearly_back)[i], world_from_ego=nearly_back(i).inverse(), boxes_world=None) for i in range(5)]
+    texts = [f.text for f in inspect(held, frames=3).findings if f.about == "poses"]  # type: ignore[arg-type]
+    assert len(texts) == 1 and "100% with the poses inverted" in texts[0]
+
+
+def test_poses_in_other_units_are_named_by_the_sweeps() -> None:
+    frame = frame_with(cars(), on_sides(cars()))
+    tenth = Pose(np.eye(3), np.array([300.0, 0.0, 0.0]))  # a vehicle that stands, by poses in centimetres
+    (finding,) = sweep_findings([reported(frame)], {"0": {"after": replace(frame, world_from_ego=tenth)}})
+    assert "0% of a sweep" in finding.text and "100% if the vehicle had not moved at all" in finding.text
+
+
+def counted(found: list[int], annotated: list[int], token: str = "0") -> FrameReport:
+    report = FrameReport(replace(frame_with(cars(), on_sides(cars())), token=token))
+    report.found_points, report.annotated_points = np.array(found), np.array(annotated)
+    return report
+
+
+def test_counts_of_points_that_are_right_or_an_even_share_are_no_mistake() -> None:
+    assert count_findings([counted([], []), counted([40, 0, 7], [40, 0, 7])]) == []
+    # a fifth of the points each, to within 4 of 170
+    (finding,) = count_findings([counted([100, 40], [500, 210]), counted([30, 0], [140, 1])])
+    assert finding.severity == "note" and "4 of 4 boxes" in finding.text and "evenly 0.20 times" in finding.text
+
+
+def test_counts_that_differ_unevenly_are_a_warning_that_names_the_worst_frame() -> None:
+    (finding,) = count_findings([counted([90, 40], [100, 40], "near"), counted([200, 0, 3], [20, 200, 3], "far")])
+    assert (finding.severity, finding.where) == ("warning", "far")
+    assert finding.text == "3 of 5 boxes hold another number of LiDAR points than annotated (largest difference 200)"
 
 
 def test_headings_across_the_way_are_named() -> None:

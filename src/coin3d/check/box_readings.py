@@ -30,8 +30,17 @@ class Tally:
     """Points in boxes as annotated and as read otherwise, over the boxes where that differs."""
 
     boxes: int = 0
-    annotated: int = 0
-    otherwise: int = 0
+    annotated: float = 0.0
+    otherwise: float = 0.0
+
+    def add(self, annotated: Boxes3D, otherwise: Boxes3D, points_ego: Float[np.ndarray, "n 3"]) -> None:
+        """Pairs of boxes. Those that hold many points either way are scaled down alike, so that the ratio stays."""
+        near = points_ego[np.abs(points_ego[:, :2]).max(1) < _RANGE_M + 10.0]
+        mine, other = annotated.count_points(near), otherwise.count_points(near)
+        weight = _MOST_POINTS / np.maximum(np.maximum(mine, other), _MOST_POINTS)
+        self.boxes += len(annotated)
+        self.annotated += float(weight @ mine)
+        self.otherwise += float(weight @ other)
 
     def is_better(self, ratio: float) -> bool:
         """Whether the other reading is clearly meant."""
@@ -62,7 +71,8 @@ def box_findings(reports: Sequence[FrameReport], neighbours: Mapping[str, Mappin
         return []
     text = max(better, key=lambda t: better[t].otherwise / max(better[t].annotated, 1))
     tally = better[text]
-    fact = f"{tally.boxes} boxes hold {tally.annotated} LiDAR points, and {tally.otherwise} if they are read as {text}"
+    most = f" (at most {_MOST_POINTS} counted in a box)"
+    fact = f"{tally.boxes} boxes hold {tally.annotated:.0f} LiDAR points, and {tally.otherwise:.0f} if they are read as {text}{most}"
     return [Finding("error", fact, "correct the annotations, or the pose of the LiDAR", about="boxes")]
 
 
@@ -105,9 +115,7 @@ def _compare(tally: Tally, given: Boxes3D, read: Boxes3D, points_ego: Float[np.n
     moved = np.linalg.norm(read.centre_m - given.centre_m, axis=1) > _SAME_PLACE_M
     near = np.minimum(*(np.linalg.norm(b.centre_m[:, :2], axis=1) for b in (given, read))) < _RANGE_M
     rows = (turned | swapped | moved) & near
-    tally.boxes += int(rows.sum())
-    tally.annotated += _points(given[rows], points_ego)
-    tally.otherwise += _points(read[rows], points_ego)
+    tally.add(given[rows], read[rows], points_ego)
 
 
 def _compare_in_time(tally: Tally, given: Boxes3D, other: Boxes3D, points_ego: Float[np.ndarray, "n 3"]) -> None:
@@ -119,11 +127,4 @@ def _compare_in_time(tally: Tally, given: Boxes3D, other: Boxes3D, points_ego: F
     mine, theirs = given[pairs[:, 0]], other[pairs[:, 1]]
     moved = np.linalg.norm(mine.centre_m - theirs.centre_m, axis=1) > _SAME_PLACE_M
     rows = moved & (np.linalg.norm(mine.centre_m[:, :2], axis=1) < _RANGE_M)
-    tally.boxes += int(rows.sum())
-    tally.annotated += _points(mine[rows], points_ego)
-    tally.otherwise += _points(theirs[rows], points_ego)
-
-
-def _points(boxes: Boxes3D, points_ego: Float[np.ndarray, "n 3"]) -> int:
-    near = points_ego[np.abs(points_ego[:, :2]).max(1) < _RANGE_M + 10.0]
-    return int(np.minimum(boxes.count_points(near), _MOST_POINTS).sum())
+    tally.add(mine[rows], theirs[rows], points_ego)

@@ -11,9 +11,11 @@ from coin3d.check.box_readings import box_findings
 from coin3d.check.finding import Finding
 from coin3d.check.frame_checks import FrameReport, inspect_frame
 from coin3d.check.image_alignment import image_findings
+from coin3d.check.lidar_counts import count_findings
 from coin3d.check.motion_checks import heading_findings, pose_findings
 from coin3d.check.recording_checks import coverage, ground_against_lidar, time_gaps
 from coin3d.check.rig_checks import rig_findings
+from coin3d.check.sweep_overlap import sweep_findings
 from coin3d.datasets.frame import Frame, Recording
 
 
@@ -52,8 +54,10 @@ def inspect(recording: Recording, frames: int) -> Inspection:
         return Inspection(tuple(reports), _sorted(findings))
     height_m, tilt_deg, ground_findings = ground_against_lidar(reports)
     findings += rig_findings(reports[0].frame.rig) + ground_findings + coverage(reports)
-    findings += time_gaps(recording) + pose_findings(recording)
-    findings += box_findings(reports, neighbours) + heading_findings(reports, neighbours)
+    wrong_poses = pose_findings(recording) or sweep_findings(reports, neighbours)
+    # ways of objects are told by the same poses
+    findings += wrong_poses or heading_findings(reports, neighbours)
+    findings += time_gaps(recording) + count_findings(reports) + box_findings(reports, neighbours)
     findings += image_findings(reports, neighbours)
     return Inspection(tuple(reports), _sorted(findings), height_m, tilt_deg)
 

@@ -239,7 +239,10 @@ def _placed(path: Path, rows: list[Row]) -> tuple[Float[np.ndarray, "n 3"], Floa
 
 def _size(path: Path, row: Row) -> Float[np.ndarray, "3"]:
     """Width, length, height of an annotation."""
-    found = numbers(value(path, row, "size"))
+    try:
+        found = numbers(value(path, row, "size"))
+    except ValueError as error:
+        raise ValueError(_located(path, row, error)) from error
     if found.shape != (3,):
         raise refused(path, row, f"has the size {shown(row['size'])}, which should be width, length, height")
     return found
