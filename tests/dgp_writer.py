@@ -7,7 +7,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from coin3d.geometry import Pose
@@ -59,9 +58,8 @@ def _write_scene(folder: Path, drive: Drive) -> None:
         _json(folder / cloud["annotations"]["1"], {"annotations": _boxes(frame, world_from_lidar, numbers)})
         data.append(_datum(frame.token, "LIDAR", frame.timestamp_ns, {"point_cloud": cloud}))
         for name, image in frame.images.items():
-            file = f"rgb/{name}/{frame.token}.png"
-            (folder / file).parent.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(folder / file), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+            file = f"rgb/{name}/{frame.token}{drive.codec.suffix}"
+            drive.codec.write(folder / file, image)
             pose = _pose(drive.image_poses[k][name] @ drive.mounts[name].ego_from_cam)
             content = {"filename": file, "height": image.shape[0], "width": image.shape[1], "pose": pose}
             data.append(_datum(f"{frame.token} {name}", name, frame.timestamp_ns - 20_000_000, {"image": content}))

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 
@@ -19,7 +18,7 @@ COLUMNS = ("x", "y", "z", "intensity")
 
 
 def write_own(root: Path, drives: list[Drive], rig_suffix: str = ".yaml") -> Path:
-    """Images as PNG, a rig file per drive, boxes in the world or on the vehicle, a sweep file of every kind in turn."""
+    """A rig file per drive, boxes in the world or on the vehicle, a sweep file of every kind in turn."""
     lines, number = [], 0
     for drive in drives:
         rig = f"{drive.segment}{rig_suffix}"
@@ -29,8 +28,8 @@ def write_own(root: Path, drives: list[Drive], rig_suffix: str = ".yaml") -> Pat
             number += 1
             images = {}
             for name, image in frame.images.items():
-                file = f"{drive.segment}/{name}/{k}.png"
-                _png(root / file, image)
+                file = f"{drive.segment}/{name}/{k}{drive.codec.suffix}"
+                drive.codec.write(root / file, image)
                 images[name] = {"path": file, "world_from_ego": drive.image_poses[k][name].matrix.tolist()}
             scan, roof = frame.lidar.load(), drive.lasers["TOP"].vehicle_from_laser
             rows = np.column_stack([roof.inverse().apply(scan.points_ego), scan.intensity])
@@ -58,7 +57,7 @@ def write_images(root: Path, drive: Drive) -> Path:
     _write_rig(root / "rig.yaml", drive.mounts)
     for frame in drive.frames:
         for name, image in frame.images.items():
-            _png(root / name / f"{frame.token}.png", image)
+            drive.codec.write(root / name / f"{frame.token}{drive.codec.suffix}", image)
     return root
 
 
@@ -80,11 +79,6 @@ def _write_rig(path: Path, mounts: dict[str, Camera]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {"name": path.stem, "pixel_origin": "opencv", "cameras": cameras}
     path.write_text(json.dumps(content) if path.suffix == ".json" else yaml.safe_dump(content, sort_keys=False))
-
-
-def _png(path: Path, image: np.ndarray) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
 
 
 def _pose(pose: Pose) -> dict[str, list[float]]:

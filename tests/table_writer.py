@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from coin3d.geometry import Pose
-from waymo_drive import Drive, Laser
+from waymo_drive import JPEG, Drive, Laser
 
 BROKEN_LIDAR = "host-a011_lidar1_1233090652702363606.bin"
 """The one LiDAR file of Lyft whose number of floats is 3 more than a multiple of 5."""
@@ -88,7 +87,7 @@ def _add_drive(root: Path, tables: Tables, drive: Drive, dialect: Dialect) -> No
         tables["sample"].append({**sample, "prev": frame.previous, "next": frame.next})
         for name, image in frame.images.items():
             file = f"{dialect.images.format(name)}/{frame.token}_{name}.jpg"
-            _write_jpeg(root / file, image)
+            JPEG.write(root / file, image)
             then = drive.image_poses[k][name]
             _add_data(tables, drive, frame.token, name, file, then, time_us - 20_000, image.shape, dialect)
         scan = frame.lidar.load()
@@ -165,8 +164,3 @@ def _time(time_us: int, dialect: Dialect) -> float:
 
 def _pose(pose: Pose) -> dict[str, Any]:
     return {"translation": pose.translation.tolist(), "rotation": pose.quaternion.tolist()}
-
-
-def _write_jpeg(path: Path, image: np.ndarray) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 95])

@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 
+import cv2
 import numpy as np
 
 from coin3d.datasets.frame import Frame, LidarScan
@@ -46,6 +48,27 @@ class Laser:
     inclinations_rad: list[float]
 
 
+@dataclass(frozen=True)
+class Codec:
+    """How images are stored."""
+
+    suffix: str
+    options: tuple[int, ...] = ()
+
+    def encode(self, image: np.ndarray) -> bytes:
+        return bytes(cv2.imencode(self.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), self.options)[1])
+
+    def write(self, path: Path, image: np.ndarray) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(self.encode(image))
+
+
+PNG = Codec(".png")
+"""Without loss, so that pixels can be compared."""
+
+JPEG = Codec(".jpg", (cv2.IMWRITE_JPEG_QUALITY, 95))
+
+
 @dataclass
 class Drive:
     """One segment: the frames, and what the files need to say it.
@@ -59,6 +82,7 @@ class Drive:
         lasers: laser name -> laser.
         sweeps: per frame, laser name -> range images.
         both: per frame, points of both returns, laser by laser.
+        codec: of images, in formats that leave the choice.
     """
 
     segment: str
@@ -69,6 +93,7 @@ class Drive:
     lasers: dict[str, Laser]
     sweeps: list[dict[str, Sweep]]
     both: list[np.ndarray] = field(default_factory=list)
+    codec: Codec = PNG
 
 
 @dataclass(frozen=True)

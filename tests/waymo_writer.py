@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -97,7 +96,8 @@ def frame_payload(drive: Drive, k: int) -> bytes:
     ]
     for name in reversed(drive.mounts):  # order in the file means nothing
         pose = content(3, real(1, *drive.image_poses[k][name].matrix.ravel()))
-        parts.append(content(4, whole(1, CAMERA_NUMBERS[name]), content(2, png(frame.images[name])), pose, real(5, 1.5)))
+        image = content(2, drive.codec.encode(frame.images[name]))
+        parts.append(content(4, whole(1, CAMERA_NUMBERS[name]), image, pose, real(5, 1.5)))
     for name in LASER_NUMBERS:
         sweep = drive.sweeps[k].get(name)
         if sweep is None:
@@ -158,7 +158,7 @@ def _camera_image(drive: Drive) -> Rows:
         {
             **_time(drive, k),
             "key.camera_name": CAMERA_NUMBERS[name],
-            f"{prefix}.image": png(frame.images[name]),
+            f"{prefix}.image": drive.codec.encode(frame.images[name]),
             f"{prefix}.pose.transform": _flat(drive.image_poses[k][name]),
             f"{prefix}.pose_timestamp": 1.5,
         }
@@ -269,11 +269,6 @@ _ROWS: dict[str, Callable[[Drive], Rows]] = {
 }
 
 # --- both ---
-
-
-def png(image: Any) -> bytes:
-    """Without loss, so that pixels can be compared."""
-    return bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1])
 
 
 def _flat(pose: Pose) -> list[float]:

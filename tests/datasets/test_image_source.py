@@ -61,6 +61,34 @@ def test_reduced_images_are_means_of_blocks(tmp_path: Path, suffix: str, reducti
     np.testing.assert_allclose(load_image(scene(), reduction), expected, atol=0.51)
 
 
+def by_opencv(content: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+
+
+@pytest.mark.parametrize("kind", ["usual", "grey", "progressive", "full colour"])
+def test_whole_jpegs_are_what_opencv_gives(kind: str) -> None:
+    options = {
+        "progressive": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1],
+        "full colour": [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444],
+    }
+    image = scene()[:191, :317]  # not a multiple of a block
+    content = cv2.imencode(".jpg", image[..., 0] if kind == "grey" else image, options.get(kind, []))[1].tobytes()
+    found = decode_image(np.frombuffer(content, dtype=np.uint8), "there")
+    np.testing.assert_array_equal(found, by_opencv(content))
+    assert found.flags.c_contiguous
+
+
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_pictures_of_a_telephone_held_upright_are_turned(reduction: int) -> None:
+    lying = cv2.imencode(".jpg", scene()[..., ::-1])[1].tobytes()
+    # big endian, one entry: orientation (0x112), a short, 6: what is at the right of the file belongs to the bottom
+    exif = b"Exif\0\0MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x112, 3, 1, 6, 0, 0)
+    content = lying[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + lying[2:]
+    found = decode_image(np.frombuffer(content, dtype=np.uint8), "there", reduction)
+    expected = decode_image(np.frombuffer(lying, dtype=np.uint8), "there", reduction)
+    np.testing.assert_array_equal(found, np.rot90(expected, -1))
+
+
 def test_edges_stay_where_they_are(tmp_path: Path) -> None:
     """The mean place of a bright disc, in parts of the image, at every size: a shift of half a pixel would show."""
     image = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)

@@ -17,8 +17,8 @@ from coin3d.datasets.waymo_v1 import WaymoV1Recording
 from coin3d.datasets.waymo_v1_frame import read_matrix
 from coin3d.geometry import BrownConrady, Pinhole
 from same_frames import assert_same
-from waymo_drive import Drive, make_drive
-from waymo_writer import content, frame_payload, matrix, packed, png, real, record, varint, whole, write_v1
+from waymo_drive import PNG, Drive, make_drive
+from waymo_writer import content, frame_payload, matrix, packed, real, record, varint, whole, write_v1
 
 MOVED = np.eye(4)
 MOVED[:3, 3] = (99.0, 50.0, 7.0)
@@ -46,7 +46,7 @@ def pose(x: float, y: float, z: float) -> bytes:
 
 
 CALIBRATION = real(2, 80, 82, 47, 33, 0, 0, 0, 0, 0) + content(3, pose(1.5, 0.1, 2))
-IMAGE = content(2, png(np.full((64, 96, 3), 9, np.uint8)))
+IMAGE = content(2, PNG.encode(np.full((64, 96, 3), 9, np.uint8)))
 BOX = content(1, real(1, 10) + real(2, 2) + real(3, 1) + real(4, 1.9) + real(5, 4.5) + real(6, 1.5) + real(7, 0.25))
 
 

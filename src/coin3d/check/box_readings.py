@@ -71,8 +71,8 @@ def box_findings(reports: Sequence[FrameReport], neighbours: Mapping[str, Mappin
         return []
     text = max(better, key=lambda t: better[t].otherwise / max(better[t].annotated, 1))
     tally = better[text]
-    most = f" (at most {_MOST_POINTS} counted in a box)"
-    fact = f"{tally.boxes} boxes hold {tally.annotated:.0f} LiDAR points, and {tally.otherwise:.0f} if they are read as {text}{most}"
+    points = f"{tally.annotated:.0f} LiDAR points (at most {_MOST_POINTS} of each count), and {tally.otherwise:.0f}"
+    fact = f"{tally.boxes} boxes hold {points} if they are read as {text}"
     return [Finding("error", fact, "correct the annotations, or the pose of the LiDAR", about="boxes")]
 
 
