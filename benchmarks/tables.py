@@ -101,11 +101,14 @@ def pooling() -> str:
 
 
 def check_mistakes() -> str:
-    """Mistakes put into sound recordings, and those that are found."""
+    """Mistakes put into sound recordings, and those that are found, in both halves."""
+    halves = [figures(f"benchmarks/check_mistakes_{half}.json") for half in ("report", "develop")]
     rows = [
-        [name, f"{row['caught']} of {row['tried']}"] for name, row in figures("benchmarks/check_mistakes.json")["rows"].items()
+        [name, *(f"{half['rows'][name]['caught']} of {half['rows'][name]['tried']}" for half in halves)]
+        for name in halves[0]["rows"]
     ]
-    return table(["mistake", "found"], rows)
+    alarms = [f"{sum(map(len, half['false_alarms'].values()))} in {len(half['false_alarms'])}" for half in halves]
+    return table(["mistake", "found", "where limits were set"], [*rows, ["*false alarms without a mistake*", *alarms]])
 
 
 def evaluation() -> str:
@@ -140,14 +143,28 @@ def evaluation() -> str:
 
 
 def reading() -> str:
-    """Frames per second with images and LiDAR."""
-    rows = []
-    for row in figures("benchmarks/reading.json")["rows"]:
+    """Frames per second with images and LiDAR, real frames and one drive in every format."""
+    rows, formats = [], figures("benchmarks/reading_formats.json")["rows"]
+    written = [{**row, "recording": f"the Waymo frame as {row['recording']}"} for row in formats]
+    for row in [*figures("benchmarks/reading.json")["rows"], *written]:
         width, height = row["image_px"]
-        cells = [f"{row[key]:.1f}" if key in row else "" for key in ("whole", "whole_plain", "input", "input_plain")]
-        ratio = f"{row['input_ratio']:.1f}x" if "input_ratio" in row else ""
-        rows.append([row["recording"], f"{row['cameras']} of {width} x {height}", f"{row['points']:,}", *cells, ratio])
-    header = ["recording", "images", "points", "whole images", "devkit + PIL", "network input", "devkit + PIL", "ratio"]
+        cells = [
+            f"{row[key]:.1f}{ending}" if key in row else ""
+            for size in ("whole", "input")
+            for key, ending in ((size, ""), (f"{size}_plain", ""), (f"{size}_ratio", "x"))
+        ]
+        rows.append([row["recording"], f"{row['cameras']} of {width} x {height}", f"{row['points']:,}", *cells])
+    header = [
+        "recording",
+        "images",
+        "points",
+        "whole images",
+        "devkit + PIL",
+        "ratio",
+        "network input",
+        "devkit + PIL",
+        "ratio",
+    ]
     return table(header, rows)
 
 

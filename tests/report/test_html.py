@@ -47,7 +47,10 @@ def test_a_page_fetches_nothing_and_is_balanced() -> None:
 
 def test_numbers_keep_three_digits_and_words_stand_left() -> None:
     content = table(["who", "mAP", "boxes"], [["direct", 0.12345, 7]])
-    assert '<td class="words">direct</td><td>0.123</td><td>7</td>' in content
+    assert '<td class="words short">direct</td><td>0.123</td><td>7</td>' in content  # short ones are not broken
+    assert '<td class="words">one that is long enough to be broken</td>' in table(
+        ["a"], [["one that is long enough to be broken"]]
+    )
     assert content.count("<th class=words>") == 1
 
 

@@ -12,6 +12,9 @@ from jaxtyping import UInt8
 
 _JPEG_QUALITY = 86
 
+_SHORT = 24
+"""Characters of a cell that are kept on one line: names and numbers with their units."""
+
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1d2129; --soft: #5b6472; --line: #d9dee6; --paper: #fff; --shade: #f4f6f9; }
 @media (prefers-color-scheme: dark) {
@@ -24,8 +27,8 @@ h1 { font-size: 1.9rem; margin: 0 0 .3rem; } h2 { margin: 2.6rem 0 .6rem; font-s
 p { max-width: 52rem; } .lead { font-size: 1.1rem; color: var(--soft); }
 .note { border-left: 4px solid #d98e04; background: var(--shade); padding: .7rem 1rem; max-width: 56rem; }
 table { border-collapse: collapse; margin: .8rem 0; } .wide { overflow-x: auto; }
-th, td { padding: .4rem .8rem; border-bottom: 1px solid var(--line); text-align: right; font-variant-numeric: tabular-nums; }
-th { color: var(--soft); font-weight: 600; } th.words, td.words { text-align: left; }
+th, td { padding: .4rem .6rem; border-bottom: 1px solid var(--line); text-align: right; font-variant-numeric: tabular-nums; }
+th { color: var(--soft); font-weight: 600; } th.words, td.words { text-align: left; } td.short { white-space: nowrap; }
 figure { margin: 1rem 0 1.6rem; } figure img { width: 100%; height: auto; border-radius: 6px; display: block; }
 figcaption { color: var(--soft); font-size: .92rem; margin-top: .35rem; }
 .pair { display: grid; grid-template-columns: minmax(0, 2.2fr) minmax(0, 1fr); gap: .8rem; align-items: start; }
@@ -68,7 +71,8 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str | float | int]]) ->
 
 def _cell(value: str | float | int) -> str:
     if isinstance(value, str):
-        return f'<td class="words">{text(value)}</td>'
+        kind = "words short" if len(value) <= _SHORT else "words"
+        return f'<td class="{kind}">{text(value)}</td>'
     return f"<td>{value:.3f}</td>" if isinstance(value, float) else f"<td>{value}</td>"
 
 
