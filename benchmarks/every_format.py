@@ -11,6 +11,7 @@ somewhat more than real ones have. The writers are those of the tests.
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -82,6 +83,14 @@ def with_lidar_of(drive: Drive, read: list[Frame]) -> Drive:
     return replace(drive, frames=[replace(f, lidar=r.lidar) for f, r in zip(drive.frames, read, strict=True)])
 
 
+def add_map(root: Path) -> None:
+    """A map of nothing: nuscenes-devkit opens no recording without."""
+    (root / "maps").mkdir()
+    JPEG.write(root / "maps" / "none.jpg", np.zeros((8, 8, 3), dtype=np.uint8))
+    row = {"token": "none", "log_tokens": [], "category": "semantic_prior", "filename": "maps/none.jpg"}
+    next(root.glob("*/map.json")).write_text(json.dumps([row]))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording", type=Path, help="of the Waymo Open Dataset")
@@ -98,6 +107,7 @@ def main() -> None:
     for name, write in writers.items():
         waymo = ("VEHICLE", "PEDESTRIAN", "CYCLIST", "SIGN")
         write(options.out / name, [relabelled(drive, dict(zip(waymo, NAMES[name], strict=True)))])
+    add_map(options.out / "nuscenes")
     for folder in sorted(options.out.iterdir()):
         frame = open_recording(folder)[0]
         points = 0 if frame.lidar is None else len(frame.lidar.load().points_ego)

@@ -73,9 +73,9 @@ def plain(path: Path, size: str, seconds: float) -> dict[str, Any]:
 
     def read(i: int) -> int:
         sample = devkit.sample[i % len(devkit.sample)]
-        for channel, token in sample["data"].items():
-            if channel.startswith("CAM"):
-                row = devkit.get("sample_data", token)
+        for token in sample["data"].values():
+            row = devkit.get("sample_data", token)
+            if row["sensor_modality"] == "camera":
                 devkit.get("calibrated_sensor", row["calibrated_sensor_token"])
                 devkit.get("ego_pose", row["ego_pose_token"])
                 image = Image.open(devkit.get_sample_data_path(token))

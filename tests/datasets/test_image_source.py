@@ -61,20 +61,24 @@ def test_reduced_images_are_means_of_blocks(tmp_path: Path, suffix: str, reducti
     np.testing.assert_allclose(load_image(scene(), reduction), expected, atol=0.51)
 
 
-def by_opencv(content: bytes) -> np.ndarray:
-    return cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+BY_OPENCV = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4, 8: cv2.IMREAD_REDUCED_COLOR_8}
 
 
+def by_opencv(content: bytes, reduction: int) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(content, dtype=np.uint8), BY_OPENCV[reduction])[..., ::-1]
+
+
+@pytest.mark.parametrize("reduction", [1, 2, 4, 8])
 @pytest.mark.parametrize("kind", ["usual", "grey", "progressive", "full colour"])
-def test_whole_jpegs_are_what_opencv_gives(kind: str) -> None:
+def test_jpegs_are_what_opencv_gives(kind: str, reduction: int) -> None:
     options = {
         "progressive": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1],
         "full colour": [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444],
     }
     image = scene()[:191, :317]  # not a multiple of a block
     content = cv2.imencode(".jpg", image[..., 0] if kind == "grey" else image, options.get(kind, []))[1].tobytes()
-    found = decode_image(np.frombuffer(content, dtype=np.uint8), "there")
-    np.testing.assert_array_equal(found, by_opencv(content))
+    found = decode_image(np.frombuffer(content, dtype=np.uint8), "there", reduction)
+    np.testing.assert_array_equal(found, by_opencv(content, reduction))
     assert found.flags.c_contiguous
 
 

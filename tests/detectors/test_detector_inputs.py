@@ -10,8 +10,9 @@ import torch
 from torch import nn
 
 from coin3d.detectors import collate, frame_sample
-from coin3d.detectors.backbone import ImageBackbone, widen_input
+from coin3d.detectors.backbone import ImageBackbone
 from coin3d.detectors.batch import normalise_image
+from coin3d.detectors.widened_conv import WidenedConv2d
 from coin3d.geometry import Pose, fit_width
 from small_world import CONFIG, frame, ring_rig, sample
 
@@ -64,7 +65,7 @@ def test_different_image_sizes_are_refused() -> None:
 def test_wider_input_ignores_what_its_new_weights_ignore() -> None:
     torch.manual_seed(0)
     conv = nn.Conv2d(3, 8, 7, 2, 3, bias=True)
-    wide = widen_input(conv, 9)
+    wide = WidenedConv2d(conv, 9)
     assert wide.weight.shape == (8, 12, 7, 7)
     assert torch.equal(wide.weight[:, :3], conv.weight)
     # the new slice is not made of edge filters: another one, and small as PyTorch initialises 12 input channels
@@ -73,6 +74,60 @@ def test_wider_input_ignores_what_its_new_weights_ignore() -> None:
     zero_maps = wide(torch.cat([image, torch.zeros_like(maps)], 1))
     torch.testing.assert_close(zero_maps, conv(image))
     assert not torch.allclose(wide(torch.cat([image, maps], 1)), conv(image))
+
+
+def plain(conv: WidenedConv2d, images: torch.Tensor) -> torch.Tensor:
+    return nn.functional.conv2d(images, conv.weight, conv.bias, conv.stride, conv.padding)
+
+
+@pytest.mark.parametrize("bias", [True, False])
+def test_maps_that_stay_are_remembered_and_nothing_else(bias: bool) -> None:
+    """Against the plain convolution at every turn: other images, other maps and back, other weights, other batches."""
+    torch.manual_seed(0)
+    conv = WidenedConv2d(nn.Conv2d(3, 8, 7, 2, 3, bias=bias), 9).eval()
+    maps, others = torch.randn(2, 9, 20, 24), torch.randn(2, 9, 20, 24)
+    turns = [maps] * 4 + [others] * 3 + [maps] * 3 + [maps[:1]] * 3
+    with torch.no_grad():
+        for turn, seen in enumerate(turns):
+            images = torch.cat([torch.randn(len(seen), 3, 20, 24), seen], 1)
+            torch.testing.assert_close(conv(images), plain(conv, images), rtol=1e-5, atol=1e-5)
+            if turn == 2:
+                assert conv._memory is not None and conv._memory.response is not None  # it is not the plain way that was tested
+                conv.weight.mul_(1.5)
+            if turn == 11:
+                conv.load_state_dict({name: w + 0.01 for name, w in conv.state_dict().items()})
+    assert "_memory" not in str(list(conv.state_dict())) and len(conv.state_dict()) == 1 + bias
+
+
+def test_nothing_is_remembered_where_gradients_are_wanted() -> None:
+    conv = WidenedConv2d(nn.Conv2d(3, 8, 3, 1, 1), 9).eval()
+    images = torch.randn(1, 12, 8, 8)
+    with torch.no_grad():
+        for _ in range(3):
+            conv(images)
+    conv(images).sum().backward()
+    found = conv.weight.grad
+    expected = torch.autograd.grad(plain(conv, images).sum(), conv.weight)[0]
+    torch.testing.assert_close(found, expected)
+    assert conv._memory is None
+    conv.train()
+    with torch.no_grad():
+        for _ in range(3):
+            conv(images)
+    assert conv._memory is None
+
+
+def test_what_is_remembered_follows_the_precision() -> None:
+    conv = WidenedConv2d(nn.Conv2d(3, 8, 3, 1, 1), 9).eval()
+    images = torch.randn(1, 12, 8, 8)
+    with torch.no_grad():
+        exact = [conv(images) for _ in range(3)][-1]
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            coarse = conv(images)
+        again = conv(images)
+    assert coarse.dtype == torch.bfloat16 and again.dtype == torch.float32
+    torch.testing.assert_close(coarse.float(), exact, rtol=0.05, atol=0.05)
+    torch.testing.assert_close(again, exact)
 
 
 def test_trunk_gives_the_strides_it_is_asked_for() -> None:

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import timm
-import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+
+from coin3d.detectors.widened_conv import WidenedConv2d
 
 _STRIDES = (2, 4, 8, 16, 32)
 
@@ -41,29 +42,9 @@ class ImageBackbone(nn.Module):
         trunk: Any = timm.create_model(name, pretrained=pretrained, features_only=True, out_indices=indices, **changed)
         self.channels: list[int] = trunk.feature_info.channels()
         if extra_channels:
-            trunk.conv1 = widen_input(trunk.conv1, extra_channels)
+            trunk.conv1 = WidenedConv2d(trunk.conv1, extra_channels)
         self.trunk = trunk
 
     def forward(self, images: Float[Tensor, "m c h w"]) -> list[Tensor]:
         features: list[Tensor] = self.trunk(images)
         return features
-
-
-def widen_input(conv: nn.Conv2d, extra_channels: int) -> nn.Conv2d:
-    """A convolution that reads extra channels: the RGB slice is kept, the new slice gets PyTorch's own initialisation.
-
-    The new slice is never spread from the RGB weights: those are edge filters, and the priors are smooth maps.
-    """
-    wide = nn.Conv2d(
-        conv.in_channels + extra_channels,
-        conv.out_channels,
-        conv.kernel_size,  # type: ignore[arg-type]
-        conv.stride,  # type: ignore[arg-type]
-        conv.padding,  # type: ignore[arg-type]
-        bias=conv.bias is not None,
-    )
-    with torch.no_grad():
-        wide.weight[:, : conv.in_channels] = conv.weight
-        if conv.bias is not None and wide.bias is not None:
-            wide.bias.copy_(conv.bias)
-    return wide

@@ -12,8 +12,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
-from coin3d.detectors.backbone import widen_input
 from coin3d.detectors.layers import conv_bn_relu
+from coin3d.detectors.widened_conv import WidenedConv2d
 
 _STEM = ((64, 2), (64, 1), (128, 2))
 """Channels and stride of the first three convolutions."""
@@ -56,7 +56,7 @@ class VoVNet99(nn.Module):
         if extra_channels:
             first = stem[0][0]
             assert isinstance(first, nn.Conv2d)
-            stem[0][0] = widen_input(first, extra_channels)
+            stem[0][0] = WidenedConv2d(first, extra_channels)
 
     def forward(self, images: Float[Tensor, "m c h w"]) -> list[Tensor]:
         x = self.stem(images)
