@@ -168,6 +168,15 @@ def reading() -> str:
     return table(header, rows)
 
 
+def tables_index() -> str:
+    """Making and using the index of tables in nuScenes format, against parsing them whole."""
+    rows = []
+    for step in figures("benchmarks/index_tables.json")["steps"]:
+        rate = f"{step['frames_per_second']:.0f}" if step["frames_per_second"] else ""
+        rows.append([step["what"], f"{step['seconds']:.2f}", f"{step['peak_mb']:.0f} MB", rate])
+    return table(["step", "seconds", "peak memory", "frames/s"], rows)
+
+
 def novel_views() -> str:
     """Rendered against true views."""
     rows = [
@@ -250,6 +259,7 @@ TABLES = {
         check_mistakes,
         evaluation,
         reading,
+        tables_index,
         novel_views,
         mesh_depth,
         real,
