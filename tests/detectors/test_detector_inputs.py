@@ -90,9 +90,10 @@ def test_maps_that_stay_are_remembered_and_nothing_else(bias: bool) -> None:
     with torch.no_grad():
         for turn, seen in enumerate(turns):
             images = torch.cat([torch.randn(len(seen), 3, 20, 24), seen], 1)
-            torch.testing.assert_close(conv(images), plain(conv, images), rtol=1e-5, atol=1e-5)
+            found, before = conv(images), conv._memory
+            torch.testing.assert_close(found, plain(conv, images), rtol=1e-5, atol=1e-5)
+            assert torch.equal(conv(images), found) and conv._memory is before  # remembered, and the same to the last bit
             if turn == 2:
-                assert conv._memory is not None and conv._memory.response is not None  # it is not the plain way that was tested
                 conv.weight.mul_(1.5)
             if turn == 11:
                 conv.load_state_dict({name: w + 0.01 for name, w in conv.state_dict().items()})
@@ -115,6 +116,15 @@ def test_nothing_is_remembered_where_gradients_are_wanted() -> None:
         for _ in range(3):
             conv(images)
     assert conv._memory is None
+
+
+def test_weights_that_hide_their_changes_are_read_anew() -> None:
+    with torch.inference_mode():
+        conv = WidenedConv2d(nn.Conv2d(3, 8, 3, 1, 1), 9).eval()
+        images = torch.randn(1, 12, 8, 8)
+        for _ in range(3):
+            torch.testing.assert_close(conv(images), plain(conv, images))
+            conv.weight.mul_(1.5)
 
 
 def test_what_is_remembered_follows_the_precision() -> None:

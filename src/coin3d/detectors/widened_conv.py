@@ -9,13 +9,18 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Memory:
-    """Maps, the weights they were seen with, and what the convolution makes of them, once they have come twice."""
+    """Maps, the weights they were seen with, and what the convolution makes of them."""
 
     maps: Tensor
     weights: tuple[int, int]
-    response: Tensor | None = None
+    response: Tensor
+
+    def holds(self, maps: Tensor, weights: tuple[int, int], dtype: torch.dtype) -> bool:
+        """Whether the response is that to ``maps``, in the precision that is asked for now."""
+        known = self.weights == weights and self.response.dtype == dtype
+        return known and self.maps.dtype == maps.dtype and self.maps.device == maps.device and torch.equal(self.maps, maps)
 
 
 class WidenedConv2d(nn.Conv2d):
@@ -24,8 +29,9 @@ class WidenedConv2d(nn.Conv2d):
     The new slice is never spread from the RGB weights: those are edge filters, and the priors are smooth maps.
 
     A convolution is linear: its response to image and maps is the sum of both. Prior maps stay the same as long as the rig
-    does, so without gradients their part is computed when they come for the second time in a row, and then remembered: the
-    nine maps would be three quarters of the work of a seven by seven convolution at the largest resolution there is.
+    does, so without gradients both parts are computed for themselves, and that of the maps is remembered: nine maps would be
+    three quarters of the work of a seven by seven convolution at the largest resolution there is. What comes out does not
+    depend on whether it was remembered.
 
     Args:
         conv: as it reads RGB.
@@ -50,20 +56,15 @@ class WidenedConv2d(nn.Conv2d):
 
     def forward(self, images: Float[Tensor, "m c h w"]) -> Float[Tensor, "m k h2 w2"]:
         """What a plain convolution gives, up to the rounding of one sum."""
-        if self.training or torch.is_grad_enabled() or torch.compiler.is_compiling():
+        # weights made under inference_mode do not tell when they change
+        if self.training or torch.is_grad_enabled() or torch.compiler.is_compiling() or self.weight.is_inference():
             self._memory = None
             return super().forward(images)
         maps, weights = images[:, self.image_channels :], (self.weight.data_ptr(), self.weight._version)
-        memory = self._memory
-        if memory is None or memory.weights != weights or not _same(memory.maps, maps):
-            self._memory = _Memory(maps.clone(), weights)
-            return super().forward(images)
         out: Tensor = self._conv_forward(images[:, : self.image_channels], self.weight[:, : self.image_channels], None)
-        if memory.response is None or memory.response.dtype != out.dtype:  # autocast may have come or gone
-            memory.response = self._conv_forward(maps, self.weight[:, self.image_channels :], self.bias)
+        memory = self._memory
+        if memory is None or not memory.holds(maps, weights, out.dtype):
+            response = self._conv_forward(maps, self.weight[:, self.image_channels :], self.bias)
+            self._memory = memory = _Memory(maps.clone(), weights, response)
         out += memory.response
         return out
-
-
-def _same(a: Tensor, b: Tensor) -> bool:
-    return a.dtype == b.dtype and a.device == b.device and torch.equal(a, b)
