@@ -255,6 +255,17 @@ def test_poses_in_other_units_are_named_by_the_sweeps() -> None:
     assert "0% of a sweep" in finding.text and "100% if the vehicle had not moved at all" in finding.text
 
 
+@pytest.mark.parametrize(("standing", "findings"), [(2, 0), (0, 1)])
+def test_traffic_that_drives_along_is_no_mistake_while_anything_stands(standing: int, findings: int) -> None:
+    """Cars keep their places beside the vehicle, which drives 2.3 m; the first ``standing`` of six stay behind."""
+    drive = Pose(np.eye(3), np.array([2.3, 0.7, 0.0]))
+    here = cars()
+    behind = here[:standing].transformed(drive.inverse())
+    there = Boxes3D.concatenate([behind, here[standing:]])
+    now, later = frame_with(here, on_sides(here)), frame_with(there, on_sides(there), drive)
+    assert len(sweep_findings([reported(now)], {"0": {"after": later}})) == findings
+
+
 def counted(found: list[int], annotated: list[int], token: str = "0") -> FrameReport:
     report = FrameReport(replace(frame_with(cars(), on_sides(cars())), token=token))
     report.found_points, report.annotated_points = np.array(found), np.array(annotated)

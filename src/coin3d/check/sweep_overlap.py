@@ -22,6 +22,7 @@ _RANGE_M = 35.0
 _SAME_PLACE_M = 0.3
 _MIN_POINTS = 200
 _BETTER, _GOOD_SHARE = 1.3, 0.3
+_HARDLY_ANY = 0.1  # on a motorway most of what is near may drive along, but not all
 
 
 def sweep_findings(reports: Sequence[FrameReport], neighbours: Mapping[str, Mapping[str, Frame]]) -> list[Finding]:
@@ -35,7 +36,9 @@ def sweep_findings(reports: Sequence[FrameReport], neighbours: Mapping[str, Mapp
     if not len(shares):
         return []
     given, inverted, still = np.median(shares, axis=0)
-    best, reading = max((inverted, "with the poses inverted"), (still, "if the vehicle had not moved at all"))
+    best, reading = inverted, "with the poses inverted"
+    if given < _HARDLY_ANY and still > inverted:
+        best, reading = still, "if the vehicle had not moved at all"
     if best < _GOOD_SHARE or best < _BETTER * given:
         return []
     return [
