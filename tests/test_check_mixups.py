@@ -178,6 +178,17 @@ def test_other_readings_are_named(change: Callable[[Boxes3D], Boxes3D], named: s
     assert named in finding.text and (finding.about, finding.severity) == ("boxes", "error")
 
 
+def test_boxes_of_very_many_points_are_told_apart_as_well() -> None:
+    """Either way each holds more points than are counted of one box: shares tell, capped counts would not."""
+    swapped = replace(cars(), size_m=cars().size_m[:, [1, 0, 2]])
+    inner = replace(cars(), size_m=cars().size_m * [0.3, 0.7, 1.0])
+    shifted_m = np.linspace(-0.05, 0.05, 4)[:, None, None] * [0, 0, 1]
+    points = np.concatenate([*(on_sides(cars()) + shifted_m), *(on_sides(inner) + shifted_m[::3])])
+    assert min(swapped.count_points(points)) > 100
+    (finding,) = box_findings([reported(frame_with(swapped, points))], {})
+    assert "length and width swapped" in finding.text
+
+
 def test_boxes_given_in_the_ego_frame_are_named() -> None:
     pose = Pose.from_euler(0.4, 0, 0, np.array([6.0, -11.0, 0.0]))
     frame = frame_with(cars(), on_sides(cars()), pose).with_boxes_world(cars())

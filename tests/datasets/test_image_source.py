@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import simplejpeg
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -80,6 +81,17 @@ def test_jpegs_are_what_opencv_gives(kind: str, reduction: int) -> None:
     found = decode_image(np.frombuffer(content, dtype=np.uint8), "there", reduction)
     np.testing.assert_array_equal(found, by_opencv(content, reduction))
     assert found.flags.c_contiguous
+
+
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_a_jpeg_that_hides_its_size_is_left_to_opencv(monkeypatch: pytest.MonkeyPatch, reduction: int) -> None:
+    """Zeros before a marker end the search for the size; OpenCV skips them, and so would the fast decoder, without reducing."""
+    plain = cv2.imencode(".jpg", scene())[1].tobytes()
+    second = 4 + int.from_bytes(plain[4:6])  # where the first segment ends
+    content = plain[:second] + bytes(3) + plain[second:]
+    monkeypatch.setattr(simplejpeg, "decode_jpeg", lambda *_, **__: pytest.fail("memory would be taken unasked"))
+    found = decode_image(np.frombuffer(content, dtype=np.uint8), "there", reduction)
+    assert found.shape == (HEIGHT // reduction, WIDTH // reduction, 3)
 
 
 @pytest.mark.parametrize("reduction", [1, 2])

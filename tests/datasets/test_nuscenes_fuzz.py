@@ -135,6 +135,7 @@ def test_wrong_kinds_of_values(folder: Path, tables: dict[str, bytes], field: tu
         ("sample_annotation", "num_lidar_pts", "[7]"),
         ("sample_annotation", "num_lidar_pts", "-2"),
         ("sample_annotation", "size", "[1, 2, Infinity]"),
+        ("sample_annotation", "size", "null"),
         ("sample_annotation", "size", "[1, 2, 3, 4]"),
         ("sample_annotation", "instance_token", '["car0"]'),
         ("sample_annotation", "prev", "{}"),

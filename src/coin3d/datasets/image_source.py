@@ -80,7 +80,7 @@ def decode_image(data: UInt8[np.ndarray, "n"], where: str, reduction: int = 1) -
     if width * height > _MOST_PIXELS:
         raise ValueError(f"{where}: says that it is an image of {width} x {height} pixels; is the file damaged?")
     least_px = (-(-width // reduction), -(-height // reduction))
-    if is_jpeg and (pixels := _jpeg(data, least_px)) is not None:
+    if is_jpeg and all(least_px) and (pixels := _jpeg(data, least_px)) is not None:
         return pixels
     try:
         pixels = cv2.imdecode(data, _REDUCED[reduction if is_jpeg else 1]) if data.size else None
@@ -96,7 +96,7 @@ def _jpeg(data: UInt8[np.ndarray, "n"], least_px: tuple[int, int]) -> UInt8[np.n
     """What OpenCV gives, in less time; None where OpenCV is needed, for it turns pictures upright and forgives.
 
     The smallest size of at least so many pixels that the decoder can give, which is a reduction by 1, 2, 4 or 8 exactly where
-    ``least_px`` is one.
+    ``least_px`` is one. It must be known: the decoder would take memory for whatever it finds, and not reduce at all.
     """
     if _EXIF in data[:64].tobytes():
         return None
